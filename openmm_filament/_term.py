@@ -1,0 +1,109 @@
+"""What every energy term of a chain offers: parameters from a rest shape, NumPy energy and gradient, an OpenMM force.
+
+A term is one formula over runs of `span` successive beads. It states the formula twice: as the NumPy functions
+`energy` and `gradient`, and as the `expression` that OpenMM differentiates itself; a contract test holds one against
+the other. `Interaction` is a term bound to the beads and numbers of a chain.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+
+from openmm_filament import _checks as check
+from openmm_filament import units
+from openmm_filament.geometry import chain_indices
+
+__all__ = ["Interaction", "Parameters", "Term", "per_element"]
+
+Array = NDArray[np.float64]
+Parameters = Mapping[str, Array]
+
+
+class Term(ABC):
+    """One energy term along a chain; subclasses are frozen dataclasses, final, whose fields are Quantities."""
+
+    family: ClassVar[str]
+    """Key of the term in energies, forces and force groups: "stretching", "bending", ..."""
+    span: ClassVar[int]
+    """Number of successive beads that one element of the term couples; a chain needs at least as many."""
+    expression: ClassVar[str]
+    """The energy of one element, in OpenMM's grammar."""
+    dimensions: ClassVar[Mapping[str, str]]
+    """The parameters of `expression` and the dimension of each, in the order they are added."""
+    needs_bends: ClassVar[bool] = False
+    """Whether the term is undefined where three successive beads are collinear."""
+
+    @abstractmethod
+    def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
+        """Parameters, one number an element, for the rest shape (N, 3) in nm; checked."""
+
+    @staticmethod
+    @abstractmethod
+    def energy(x: Array, p: Parameters) -> Array:
+        """Energies (M,) of the elements x (M, span, 3)."""
+
+    @staticmethod
+    @abstractmethod
+    def gradient(x: Array, p: Parameters) -> Array:
+        """Gradients (M, span, 3) of the energies of the elements x (M, span, 3)."""
+
+    @classmethod
+    def openmm_force(cls, expression: str) -> tuple[mm.Force, Any, Any]:
+        """An empty OpenMM force, its method that adds a parameter, and the one that adds an element."""
+        if cls.span == 2:
+            bond = mm.CustomBondForce(expression)
+            return bond, bond.addPerBondParameter, bond.addBond
+        if cls.span == 3:
+            angle = mm.CustomAngleForce(expression)
+            return angle, angle.addPerAngleParameter, angle.addAngle
+        torsion = mm.CustomTorsionForce(expression)
+        return torsion, torsion.addPerTorsionParameter, torsion.addTorsion
+
+    def bind(self, rest: Array, closed: bool) -> Interaction:
+        """The term on a chain of this rest shape (N, 3), in nm and kJ/mol."""
+        beads = chain_indices(len(rest), self.span, closed)
+        return Interaction(type(self), beads, self.parameters(rest, closed))
+
+
+@dataclass(frozen=True, eq=False)
+class Interaction:
+    """A term bound to beads: `beads` (M, span) indices, `parameters` M numbers each, in one consistent set of units."""
+
+    term: type[Term]
+    beads: NDArray[np.int64]
+    parameters: dict[str, Array]
+
+    def energy(self, positions: Array) -> float:
+        """The sum of the elements' energies for positions (N, 3)."""
+        return float(self.term.energy(positions[self.beads], self.parameters).sum())
+
+    def forces(self, positions: Array) -> Array:
+        """Forces (N, 3) on all beads."""
+        gradient = self.term.gradient(positions[self.beads], self.parameters)
+        flat = self.beads.ravel()
+        columns = [np.bincount(flat, gradient[..., k].ravel(), len(positions)) for k in range(3)]
+        return -np.stack(columns, axis=-1)
+
+    def scaled(self, scale: units.Scale) -> Interaction:
+        """The same interaction in the internal units of `scale`."""
+        dimensions = self.term.dimensions
+        converted = {name: values / scale.factor(dimensions[name]) for name, values in self.parameters.items()}
+        return Interaction(self.term, self.beads, converted)
+
+
+def per_element(
+    name: str, value: Any, dimension: str, rest: Array, span: int, closed: bool, rule: Any = check.finite
+) -> Array:
+    """A Quantity, scalar or one per element, as an array of one number an element of the chain."""
+    numbers = rule(name, units.numbers(name, value, dimension))
+    count = len(chain_indices(len(rest), span, closed))
+    if numbers.ndim:
+        check.shape(name, numbers, (count,))
+    return np.array(np.broadcast_to(numbers, (count,)))

@@ -1,0 +1,115 @@
+"""Bending between successive segments (equations 1.8, 1.16 and 3.2 of the thesis). Conventions: see `geometry`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import final
+
+import numpy as np
+from openmm import unit
+
+from openmm_filament import _checks as check
+from openmm_filament._term import Array, Parameters, Term, per_element
+from openmm_filament.geometry import bending_angles, chain_indices, cross, dot
+
+__all__ = ["Cosine", "Harmonic"]
+
+_angle_rule = partial(check.within, low=0.0, high=np.pi, unit="rad")
+
+
+def _split(x: Array) -> tuple[Array, Array, Array, Array]:
+    """Lengths (M,) and directions (M, 3) of the two segments of bead triples (M, 3, 3)."""
+    s1, s2 = x[:, 1] - x[:, 0], x[:, 2] - x[:, 1]
+    l1, l2 = np.sqrt(dot(s1, s1)), np.sqrt(dot(s2, s2))
+    return l1, l2, s1 / l1[:, None], s2 / l2[:, None]
+
+
+def _rotate(x: Array, torque: Array, l1: Array, l2: Array, x1: Array, x2: Array) -> Array:
+    """Gradient (M, 3, 3) from dE/dbeta along the normal: `torque` (M, 3) = dE/dbeta x1 x x2/|x1 x x2|."""
+    g1 = -cross(torque, x1) / l1[:, None]
+    g2 = cross(torque, x2) / l2[:, None]
+    return np.stack([-g1, g1 - g2, g2], axis=1)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Harmonic(Term):
+    """Energy `1/2 sum alpha_i (beta_i - beta_i^eq)^2` over the inner beads (1.8).
+
+    Smooth on a straight chain where `rest_angle` is 0; a rest angle above 0 leaves a cone at beta = 0, where the
+    force has no direction and is returned as zero.
+
+    Parameters
+    ----------
+    stiffness : Quantity
+        alpha, energy (per rad^2), positive; one number, or one per inner bead (per bead on a closed chain).
+    rest_angle : Quantity, optional
+        beta^eq in [0, pi], 0 = straight; one number, or one per inner bead. By default from the rest shape.
+    """
+
+    stiffness: unit.Quantity
+    rest_angle: unit.Quantity | None = None
+
+    family = "bending"
+    span = 3
+    expression = "0.5*alpha*(theta-theta0)^2; theta0=3.141592653589793-beta0"
+    dimensions = {"alpha": "energy", "beta0": "angle"}  # noqa: RUF012
+
+    def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
+        alpha = per_element("stiffness", self.stiffness, "energy", rest, 3, closed, check.positive)
+        if self.rest_angle is None:
+            beta0 = bending_angles(rest[chain_indices(len(rest), 3, closed)])
+        else:
+            beta0 = per_element("rest_angle", self.rest_angle, "angle", rest, 3, closed, _angle_rule)
+        return {"alpha": alpha, "beta0": beta0}
+
+    @staticmethod
+    def energy(x: Array, p: Parameters) -> Array:
+        return 0.5 * p["alpha"] * (bending_angles(x) - p["beta0"]) ** 2
+
+    @staticmethod
+    def gradient(x: Array, p: Parameters) -> Array:
+        l1, l2, x1, x2 = _split(x)
+        normal = cross(x1, x2)
+        sine = np.sqrt(dot(normal, normal))
+        beta = np.arctan2(sine, dot(x1, x2))
+        slope = p["alpha"] * (beta - p["beta0"])
+        straight = sine == 0.0
+        factor = np.where(straight, 0.0, slope / np.where(straight, 1.0, sine))
+        return _rotate(x, factor[:, None] * normal, l1, l2, x1, x2)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Cosine(Term):
+    """Energy `-sum alpha_i cos(beta_i)` over the inner beads: the Kratky-Porod worm-like chain (3.2).
+
+    Smooth everywhere; its lowest value is -alpha an inner bead, on a straight chain. On a discrete chain
+    `alpha l0/(k_B T)` is the persistence length only for fine segments; `WormlikeChain` takes the exact relation.
+
+    Parameters
+    ----------
+    stiffness : Quantity
+        alpha, energy, positive; one number, or one per inner bead (per bead on a closed chain).
+    """
+
+    stiffness: unit.Quantity
+
+    family = "bending"
+    span = 3
+    expression = "alpha*cos(theta)"
+    dimensions = {"alpha": "energy"}  # noqa: RUF012
+
+    def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
+        return {"alpha": per_element("stiffness", self.stiffness, "energy", rest, 3, closed, check.positive)}
+
+    @staticmethod
+    def energy(x: Array, p: Parameters) -> Array:
+        _, _, x1, x2 = _split(x)
+        return -p["alpha"] * dot(x1, x2)
+
+    @staticmethod
+    def gradient(x: Array, p: Parameters) -> Array:
+        l1, l2, x1, x2 = _split(x)
+        return _rotate(x, p["alpha"][:, None] * cross(x1, x2), l1, l2, x1, x2)
