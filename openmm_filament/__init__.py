@@ -24,12 +24,12 @@ _NAMES = {
     "langevin": "integrators",
     "load": "trajectory",
     "platform_properties": "platforms",
-    "preflight": "preflight",
+    "preflight": "inspection",
     "rod_terms": "rods",
     "stable_timestep": "timestep",
     "trajectory_reporter": "trajectory",
     "verlet": "integrators",
-    "watch": "watch",
+    "watch": "divergence",
 }
 
 __all__ = ["__version__", *_MODULES, *_NAMES]

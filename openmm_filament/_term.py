@@ -20,7 +20,7 @@ from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.geometry import chain_indices
 
-__all__ = ["Interaction", "Parameters", "Term", "per_element"]
+__all__ = ["Interaction", "Parameters", "Term", "per_element", "read_off"]
 
 Array = NDArray[np.float64]
 Parameters = Mapping[str, Array]
@@ -107,3 +107,15 @@ def per_element(
     if numbers.ndim:
         check.shape(name, numbers, (count,))
     return np.array(np.broadcast_to(numbers, (count,)))
+
+
+def read_off(values: Array, rest: Array, lever: float = 1.0) -> Array:
+    """Lengths or angles read off a rest shape, made equal where they differ by the rounding of its coordinates alone.
+
+    `lever` turns a displacement into a change of the values: 1 for lengths, 1/length for angles. A uniform shape so
+    gives one number, however long it is and wherever it lies.
+    """
+    resolution = 64 * np.finfo(float).eps * np.abs(rest).max() * lever
+    if len(values) and np.ptp(values) <= resolution:
+        return np.full_like(values, np.median(values))
+    return values

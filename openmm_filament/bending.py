@@ -10,7 +10,7 @@ import numpy as np
 from openmm import unit
 
 from openmm_filament import _checks as check
-from openmm_filament._term import Array, Parameters, Term, per_element
+from openmm_filament._term import Array, Parameters, Term, per_element, read_off
 from openmm_filament.geometry import bending_angles, chain_indices, cross, dot
 
 __all__ = ["Cosine", "Harmonic"]
@@ -59,7 +59,9 @@ class Harmonic(Term):
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
         alpha = per_element("stiffness", self.stiffness, "energy", rest, 3, closed, check.positive)
         if self.rest_angle is None:
-            beta0 = bending_angles(rest[chain_indices(len(rest), 3, closed)])
+            triples = rest[chain_indices(len(rest), 3, closed)]
+            shortest = np.linalg.norm(np.diff(triples, axis=1), axis=-1).min()
+            beta0 = read_off(bending_angles(triples), rest, 1 / shortest)
         else:
             beta0 = per_element("rest_angle", self.rest_angle, "angle", rest, 3, closed, _angle_rule)
         return {"alpha": alpha, "beta0": beta0}

@@ -22,7 +22,7 @@ class Load:
 
 def _indices(beads: int | Sequence[int], length: int, name: str) -> list[int]:
     """Bead indices counted from the front, each once."""
-    listed = [beads] if isinstance(beads, (int, np.integer)) else list(beads)
+    listed = list(beads) if isinstance(beads, (Sequence, np.ndarray)) else [beads]
     return list(dict.fromkeys(check.index(name, i, length) for i in listed))
 
 

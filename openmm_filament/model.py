@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,8 +29,8 @@ __all__ = ["Model", "build"]
 Array = NDArray[np.float64]
 
 # Lengths, in nm, between which a filament runs in OpenMM's own units. Below, CustomAngleForce's floor of 1e-6 nm^2 on
-# |s1 x s2| bites (with 0.01 nm segments at 1e-3 rad); above, coordinates no longer fit a PDB file.
-_SHORTEST_SEGMENT, _LARGEST_EXTENT = 0.3, 1e5
+# |s1 x s2| bites (with 0.01 nm segments at 1e-3 rad); above, coordinates lose digits in a PDB file.
+_SHORTEST_SEGMENT, _LARGEST_EXTENT = 0.3, 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +135,13 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
         For loads that do not match the filaments, an index out of range, and a held bead that is also pulled.
     """
     single = isinstance(filaments, Filament)
-    chains: tuple[Filament, ...] = (filaments,) if isinstance(filaments, Filament) else tuple(filaments)
-    if not chains or not all(isinstance(chain, Filament) for chain in chains):
+    if not single and not (isinstance(filaments, Sequence) and all(isinstance(chain, Filament) for chain in filaments)):
         raise TypeError(f"Argument `filaments` must be a Filament or a sequence of them, but is {filaments!r}.")
+    chains: tuple[Filament, ...] = (filaments,) if isinstance(filaments, Filament) else tuple(filaments)
+    if not chains:
+        raise ValueError("Argument `filaments` must hold at least one filament, but is empty.")
+    if not isinstance(loads, Sequence):
+        raise TypeError(f"Argument `loads` must be a sequence, such as [Hold(0)], but is {loads!r}.")
     given = (loads,) if single else tuple(loads) if len(loads) else ((),) * len(chains)
     if not single and (len(given) != len(chains) or any(isinstance(entry, Load) for entry in given)):
         raise ValueError(
@@ -155,8 +160,7 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
         for chain, load in zip(chains, resolved, strict=True):
             masses = units.numbers("masses", chain.masses, "mass") / scale.factor("mass")
             masses[load.held] = 0.0
-            for mass in masses.tolist():
-                system.addParticle(mass)
+            deque(map(system.addParticle, masses.tolist()), maxlen=0)
         groups: dict[str, int] = {}
         for interaction in interactions:
             force = _openmm_force(interaction)
@@ -205,13 +209,13 @@ def _bind(chains: Sequence[Filament]) -> list[Interaction]:
 
 
 def _choose_scale(chains: Sequence[Filament], rest: Array, bound: Sequence[Interaction]) -> units.Scale:
-    """OpenMM's own units where they serve; else the mean segment, bead mass and largest spring constant become 1."""
+    """OpenMM's own units where they serve; else the shortest segment, mean bead mass and largest energy become 1."""
     lengths = np.concatenate(
         [np.linalg.norm(segments(units.numbers("rest", c.rest, "length"), c.closed), axis=-1) for c in dict.fromkeys(chains)]
     )
     if not len(lengths) or (lengths.min() >= _SHORTEST_SEGMENT and np.ptp(rest, axis=0).max() <= _LARGEST_EXTENT):
         return units.NANOMETER_SCALE
-    length = float(lengths.mean())
+    length = float(lengths.min())
     mass = math.exp(np.mean([np.log(units.numbers("masses", c.masses, "mass")).mean() for c in chains]))
     energies = [
         float(np.abs(values).max()) * length ** _LENGTH_POWER[interaction.term.dimensions[name]]
@@ -219,7 +223,7 @@ def _choose_scale(chains: Sequence[Filament], rest: Array, bound: Sequence[Inter
         for name, values in interaction.parameters.items()
         if interaction.term.dimensions[name] in _LENGTH_POWER and len(values)
     ]
-    return units.Scale(length, mass, max(energies, default=1.0))
+    return units.Scale(length, mass, max(energies, default=0.0) or 1.0)
 
 
 _LENGTH_POWER = {"stiffness": 2, "energy": 0, "energy_length": -1}
@@ -239,11 +243,8 @@ def _openmm_force(interaction: Interaction) -> mm.Force:
         add_parameter(name)
     columns = interaction.beads.T.tolist()
     if varying:
-        rows = np.stack([interaction.parameters[name] for name in varying], axis=1).tolist()
-    else:
-        rows = [()] * len(interaction.beads)
-    for *beads, row in zip(*columns, rows, strict=True):
-        add(*beads, row)
+        columns.append(np.stack([interaction.parameters[name] for name in varying], axis=1).tolist())
+    deque(map(add, *columns), maxlen=0)  # calls `add` a million times without a Python loop
     return force
 
 

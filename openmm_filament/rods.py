@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
 
 import numpy as np
 from openmm import unit
+from scipy.optimize import brentq
 
 from openmm_filament import _checks as check
 from openmm_filament import bending, shapes, stretching, torsion, units, wlc
@@ -57,7 +57,7 @@ class Match(Enum):
     """The mean-square end-to-end distance without force, hence the response to small forces."""
 
 
-_INEXTENSIBLE = 400.0
+INEXTENSIBLE = 400.0
 """k b^2/(k_B T) of the bonds of a chain without stretch modulus: they fluctuate by 5 % of their length."""
 
 
@@ -79,7 +79,7 @@ class WormlikeChain:
     contour_length: unit.Quantity
     persistence_length: unit.Quantity
     stretch_modulus: unit.Quantity | None = None
-    line_density: unit.Quantity = 650.0 / 0.34 * unit.dalton / unit.nanometer
+    line_density: unit.Quantity = field(default_factory=lambda: units.quantity(650.0 / 0.34, "line_density"))
 
     def __post_init__(self) -> None:
         for name, dimension in (("contour_length", "length"), ("persistence_length", "length"), ("line_density", "line_density")):
@@ -121,11 +121,13 @@ class WormlikeChain:
         b = length / count
         modulus = stretch_modulus if stretch_modulus is not None else self.stretch_modulus
         if modulus is None:
-            k = _INEXTENSIBLE * kt / b**2
+            k = INEXTENSIBLE * kt / b**2
         else:
             k = float(check.positive("stretch_modulus", units.number("stretch_modulus", modulus, "force"))) / b
         rest_length = wlc.rest_length(b, k, kt)
-        cosine = self._mean_cosine(count, b, rest_length, k / kt, check.one_of("match", match, tuple(Match)))
+        # <s^2> = b0 <s> + 3 kT/k, integrating (s^3 exp(-k (s - b0)^2/2kT))' over all lengths
+        squared_bond = rest_length * b + 3 * kt / k
+        cosine = self._mean_cosine(count, b, squared_bond, check.one_of("match", match, tuple(Match)))
         alpha = kt * wlc.bending_from_cosine(cosine)
         density = units.number("line_density", self.line_density, "line_density")
         masses = np.full(count + 1, density * b)
@@ -138,23 +140,18 @@ class WormlikeChain:
             ),
         )
 
-    def _mean_cosine(self, count: int, b: float, rest_length: float, k_over_kt: float, match: Any) -> float:
-        """`<cos beta>` of a free joint for `count` segments of mean length b."""
+    def _mean_cosine(self, count: int, b: float, squared_bond: float, match: Match) -> float:
+        """`<cos beta>` of a free joint for `count` segments of mean length b and mean-square length `squared_bond`."""
         lp = units.number("persistence_length", self.persistence_length, "length")
         if match is Match.PERSISTENCE_LENGTH:
             return math.exp(-b / lp)
-        return _cosine_of_end_to_end(count, b, lp, wlc.bond_length_variance(rest_length, k_over_kt, 1.0))
+        wanted = wlc.mean_squared_end_to_end(lp, count * b)
 
+        def excess(cosine: float) -> float:
+            rigid = wlc.mean_squared_end_to_end_discrete(count, b, cosine)
+            return float(rigid + count * (squared_bond - b**2) - wanted)
 
-def _cosine_of_end_to_end(count: int, b: float, lp: float, variance: float) -> float:
-    from scipy.optimize import brentq
-
-    wanted = wlc.mean_squared_end_to_end(lp, count * b)
-
-    def excess(cosine: float) -> float:
-        return float(wlc.mean_squared_end_to_end_discrete(count, b, cosine)) + count * variance - wanted
-
-    low, high = 0.01, 1 - 1e-6
-    if excess(low) > 0 or excess(high) < 0:
-        raise ValueError(f"Argument `segments` must be larger to match the end-to-end distance, but is {count}.")
-    return float(brentq(excess, low, high, xtol=1e-15, rtol=1e-13))
+        low, high = 0.01, 1 - 1e-6
+        if excess(low) > 0 or excess(high) < 0:
+            raise ValueError(f"Argument `segments` must be larger to match the end-to-end distance, but is {count}.")
+        return float(brentq(excess, low, high, xtol=1e-15, rtol=1e-13))

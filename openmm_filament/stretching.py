@@ -9,7 +9,7 @@ import numpy as np
 from openmm import unit
 
 from openmm_filament import _checks as check
-from openmm_filament._term import Array, Parameters, Term, per_element
+from openmm_filament._term import Array, Parameters, Term, per_element, read_off
 from openmm_filament.geometry import dot, segments
 
 __all__ = ["Harmonic"]
@@ -39,7 +39,7 @@ class Harmonic(Term):
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
         k = per_element("stiffness", self.stiffness, "stiffness", rest, 2, closed, check.positive)
         if self.rest_length is None:
-            return {"k": k, "r0": np.linalg.norm(segments(rest, closed), axis=-1)}
+            return {"k": k, "r0": read_off(np.linalg.norm(segments(rest, closed), axis=-1), rest)}
         return {"k": k, "r0": per_element("rest_length", self.rest_length, "length", rest, 2, closed, check.positive)}
 
     @staticmethod

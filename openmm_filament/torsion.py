@@ -16,7 +16,7 @@ import openmm as mm
 from openmm import unit
 
 from openmm_filament import _checks as check
-from openmm_filament._term import Array, Parameters, Term, per_element
+from openmm_filament._term import Array, Parameters, Term, per_element, read_off
 from openmm_filament.geometry import chain_indices, cross, dihedrals, dot, unit_vectors
 
 __all__ = ["Harmonic", "Periodic", "Weighted"]
@@ -28,7 +28,11 @@ def _rest_angles(given: unit.Quantity | None, rest: Array, closed: bool) -> Arra
     """tau^eq in [-pi, pi], one a dihedral: as given, or from the rest shape."""
     if given is not None:
         return per_element("rest_angle", given, "angle", rest, 4, closed, _angle_rule)
-    return dihedrals(rest[chain_indices(len(rest), 4, closed)])
+    x = rest[chain_indices(len(rest), 4, closed)]
+    s1, s2, s3 = (x[:, i + 1] - x[:, i] for i in range(3))
+    areas = np.sqrt(np.minimum(dot(cross(s1, s2), cross(s1, s2)), dot(cross(s2, s3), cross(s2, s3))))
+    lever = (np.sqrt(dot(s2, s2)) / areas).max() if len(x) and areas.all() else 0.0
+    return read_off(dihedrals(x), rest, lever)
 
 
 def _spread(g1: Array, g2: Array, g3: Array) -> Array:
@@ -192,7 +196,7 @@ class Weighted(Term):
     def openmm_force(cls, expression: str) -> tuple[mm.Force, Any, Any]:
         force = mm.CustomCompoundBondForce(4, expression)
 
-        def add(i: int, j: int, k: int, m: int, parameters: Any) -> None:
+        def add(i: int, j: int, k: int, m: int, parameters: Any = ()) -> None:
             force.addBond((i, j, k, m), parameters)
 
         return force, force.addPerBondParameter, add

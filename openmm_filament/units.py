@@ -39,6 +39,8 @@ _UNITS: dict[str, unit.Unit] = {
     "temperature": unit.kelvin,
     "angle": unit.radian,
     "charge": unit.elementary_charge,
+    "pure": unit.dimensionless,
+    "energy_length": _ENERGY * unit.nanometer,
     "rate": unit.picosecond**-1,
     "velocity": unit.nanometer / unit.picosecond,
     "line_density": unit.dalton / unit.nanometer,
@@ -56,13 +58,15 @@ _POWERS: dict[str, tuple[float, float, float]] = {
     "pressure": (-3, 0, 1),
     "temperature": (0, 0, 1),
     "angle": (0, 0, 0),
+    "charge": (0, 0, 0),
     "pure": (0, 0, 0),
     "rate": (-1, -0.5, 0.5),
     "velocity": (0, -0.5, 0.5),
     "line_density": (-1, 1, 0),
 }
 
-_PER_MOLECULE = frozenset({"energy", "force", "stiffness", "pressure"})
+_PER_MOLECULE = frozenset({"energy", "force", "stiffness", "pressure", "mass", "line_density"})
+"""Dimensions that OpenMM counts per mole (a dalton is a g/mol to it), but users also give per molecule or in kg."""
 
 
 def _compatible(given: unit.Unit, dimension: str) -> unit.Unit | None:

@@ -3,20 +3,21 @@
 Units: forces in pN, lengths in nm, energies and `kT` in pN nm, stretching stiffness in pN/nm, bending stiffness in
 pN nm (per rad^2), angles in rad. `bending_over_kT` and cosines are pure numbers.
 
-Conventions: a chain of `segments` bonds has `segments - 1` joints. The bending angle `beta` is unsigned, 0 when straight,
-in [0, pi]; `phi` is its signed version in a plane. A bond of length s and direction t has the weight `s^(d-1) ds dt` in
-`dimension` d (2 or 3). Ends are free: the first and the last direction have no preference of their own.
+Conventions: a chain of `segments` bonds has `segments - 1` joints. The bending angle `beta` is unsigned, 0 when
+straight, in [0, pi]; `phi` is its signed version in a plane. A bond of length s and direction t has the weight
+`s^(d-1) ds dt` in `dimension` d (2 or 3). Ends are free: neither the first nor the last bond has a preferred direction.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import linalg, special
 from scipy.optimize import elementwise
 
 from openmm_filament import _checks as check
@@ -40,10 +41,11 @@ Floats = NDArray[np.float64]
 BendingForm = Literal["harmonic", "cosine"]
 
 _CUT = 40.0  # kernels are cut where they fall below exp(-40), a few 1e-18 of their peak
-_TAIL = 1e-13  # largest admitted last coefficients of a message, relative to its largest one
+_TAIL = 1e-10  # largest admitted last coefficients of a message, relative to its largest one (rounding: 1e-16 F b/kT)
 _NOISE = 1e-15  # rounding of a message after a Legendre transform, relative to its largest value
 _TOLERANCE = 1e-8  # what is promised of an extension
 _TINY = 1e-300
+_LARGEST = 8000  # nodes of a planar message: a matrix of half a gigabyte
 
 
 # --- helpers shared with wlc.py -----------------------------------------------------------------------------------
@@ -90,10 +92,19 @@ def invert(function: Callable[[Floats], Floats], target: Floats, guess: Floats) 
     return solution
 
 
+@functools.lru_cache(maxsize=32)
+def _gauss(order: int) -> tuple[Floats, Floats]:
+    """Nodes and weights of the Gauss-Legendre rule on [-1, 1]; not to be written to."""
+    nodes, weights = special.roots_legendre(order)
+    return nodes, weights
+
+
 # --- one bond -----------------------------------------------------------------------------------------------------
 
 
-def _bond(tension: Floats, length: ArrayLike, stretching: float | None, kT: float, dimension: int) -> tuple[Floats, Floats]:
+def _bond(
+    tension: Floats, length: float | Floats, stretching: float | None, kT: float, dimension: int
+) -> tuple[Floats, Floats]:
     """Log of the weight, and mean length, of a bond pulled along itself by `tension` (negative when pushed).
 
     The weight is `int_0^inf s^(d-1) exp(-k (s - b0)^2/(2 kT) + tension s/kT) ds` up to a constant factor: with
@@ -116,8 +127,8 @@ def _bond(tension: Floats, length: ArrayLike, stretching: float | None, kT: floa
     if far.any():
         x = -y[far]
         for n in (dimension - 1, dimension):
-            terms = [(-0.5) ** k * math.factorial(n + 2 * k) / math.factorial(k) * x ** -(n + 1 + 2 * k) for k in range(9)]
-            moments[n][far] = np.sum(terms, axis=0)
+            series = [(-0.5) ** k * math.factorial(n + 2 * k) / math.factorial(k) for k in range(9)]
+            moments[n][far] = np.polynomial.polynomial.polyval(x**-2, series) / x ** (n + 1)
     log_weight = tension * (length + tension / (2 * stretching)) / kT - np.where(pushed, y**2 / 2, 0.0)
     return log_weight + np.log(moments[dimension - 1]), sigma * moments[dimension] / moments[dimension - 1]
 
@@ -172,7 +183,11 @@ def rest_length(mean_length: ArrayLike, stretching: float, kT: float, *, dimensi
     shortest = float(mean_bond_length(0.0, stretching, kT, dimension=dimension))
     if (mean < shortest).any():
         raise check.fail("mean_length", f"be at least {shortest:.6g} nm for this stiffness", f"{mean.min():.6g}")
-    return scalar_or_array(root(lambda b, m: _bond(np.zeros(b.shape), b, stretching, kT, dimension)[1] - m, mean, 0.0, mean))
+
+    def difference(length: Floats, target: Floats) -> Floats:
+        return _bond(np.zeros(length.shape), length, stretching, kT, dimension)[1] - target
+
+    return scalar_or_array(root(difference, mean, 0.0, mean))
 
 
 # --- one joint ----------------------------------------------------------------------------------------------------
@@ -186,7 +201,7 @@ def _joint_rule(stiffness: Floats, rest: Floats, form: str, dimension: int, orde
     with np.errstate(divide="ignore"):
         reach = np.sqrt(2 * _CUT / stiffness) if form == "harmonic" else np.arccos(np.maximum(1 - _CUT / stiffness, -1))
     low, high = np.maximum(rest - reach, 0), np.minimum(rest + reach, math.pi)
-    nodes, weights = special.roots_legendre(order)
+    nodes, weights = _gauss(order)
     beta = low[:, None] + (high - low)[:, None] * (nodes + 1) / 2
     shape = (beta - rest[:, None]) ** 2 / 2 if form == "harmonic" else 2 * np.sin(beta / 2) ** 2
     boltzmann = weights * np.exp(-stiffness[:, None] * shape) * np.sin(beta) ** (dimension - 2)
@@ -228,8 +243,8 @@ def mean_cosine(
         ValueError: if an argument is out of its range.
 
     Examples:
-        >>> round(-1/np.log(mean_cosine(10.0)), 5), round(-1/np.log(mean_cosine(10.0, bending_form="cosine")), 5)
-        (10.17174, 9.49122)
+        >>> [round(-1 / math.log(mean_cosine(10.0, bending_form=form)), 5) for form in ("harmonic", "cosine")]
+        [10.17174, 9.49122]
     """
     _check_joint(bending_form, dimension)
     stiffness = check.non_negative("bending_over_kT", bending_over_kT)
@@ -300,8 +315,8 @@ def mean_squared_end_to_end_discrete(segments: int, bond_length: float, mean_cos
 
 @functools.lru_cache(maxsize=8)
 def _legendre_basis(size: int) -> tuple[Floats, Floats, Floats]:
-    """Nodes and weights in cos(theta), and the orthonormal Legendre polynomials on them, (nodes, modes) = (size, size)."""
-    nodes, weights = special.roots_legendre(size)
+    """Nodes and weights in cos(theta), and the orthonormal Legendre polynomials on them, (nodes, modes)."""
+    nodes, weights = _gauss(size)
     values = np.empty((size, size))
     values[:, 0], values[:, 1] = 1.0, nodes
     for n in range(1, size - 1):
@@ -327,42 +342,55 @@ _STEP_REACH = 46.0  # grid spacings after which the filtered step is flat to 1e-
 
 
 def _filtered_step(x: Floats) -> Floats:
-    """A unit step after a low-pass filter, x in grid spacings.
+    """Unit step after a low-pass filter, x in grid spacings.
 
     On a uniform grid the sum of `step(x) g(x)` is spectrally accurate for a smooth g, although the step is sharp: the
     filter leaves every frequency of g (below 0.6 pi) alone and removes those that would alias onto them.
     """
     result = np.where(x > 0, 1.0, 0.0)
     near = np.abs(x) < _STEP_REACH
-    nodes, weights = special.roots_legendre(160)
+    nodes, weights = _gauss(160)
     q = (nodes + 1) / 2 * (math.pi + 9 * _STEP_WIDTH)
     passed = special.erfc((q - math.pi) / (math.sqrt(2) * _STEP_WIDTH)) / 2 * weights * (math.pi + 9 * _STEP_WIDTH) / 2
     result[near] = 0.5 + np.sin(np.multiply.outer(x[near], q)) @ (passed / q) / math.pi
     return result
 
 
-def _planar_kernel(stiffness: float, rest: float, form: str, flip: bool, size: int) -> Floats:
-    """The bending weight at the signed angles `phi_m = 2 pi m/size`; its kinks are filtered, see `_filtered_step`."""
+@functools.lru_cache(maxsize=16)
+def _window(size: int, low: float, high: float) -> Floats:
+    """The filtered indicator of low < phi < high at the angles `2 pi m/size`, m from -2 size to 3 size."""
     spacing = 2 * math.pi / size
-    phi = spacing * np.arange(size)
+    m = np.arange(-2.0 * size, 3.0 * size)
+    window: Floats = _filtered_step(m - low / spacing) - _filtered_step(m - high / spacing)
+    return window
+
+
+def _planar_kernel(stiffness: float, rest: float, form: str, flip: bool, size: int) -> Floats:
+    """The bending weight at the signed angles `phi_m = 2 pi m/size`, m < size.
+
+    The harmonic form has a kink opposite its minimum and, where it is even in phi, at phi = 0; see `_filtered_step`.
+    """
+    phi = 2 * math.pi / size * np.arange(-2 * size, 3 * size)
     if form == "cosine":
-        return np.exp(-2 * stiffness * np.sin(phi / 2) ** 2)
+        return np.exp(-2 * stiffness * np.sin(phi[2 * size : 3 * size] / 2) ** 2)
+    pieces = [(rest - math.pi, rest + math.pi, rest)]
     if flip and rest != 0:
         pieces = [(0.0, math.pi, rest), (-math.pi, 0.0, -rest)]
-    else:
-        pieces = [(rest - math.pi, rest + math.pi, rest)]
-    kernel = np.zeros(size)
-    for image in range(-2, 3):
-        u = phi + 2 * math.pi * image
-        for low, high, centre in pieces:
-            inside = _filtered_step((u - low) / spacing) - _filtered_step((u - high) / spacing)
-            kernel += inside * np.exp(-stiffness * (u - centre) ** 2 / 2)
+    elif stiffness * math.pi**2 / 2 > _CUT:  # the kink is too small to matter
+        pieces = [(-math.inf, math.inf, rest)]
+    images = np.zeros(phi.shape)
+    for low, high, centre in pieces:
+        window = 1.0 if math.isinf(low) else _window(size, low, high)
+        images += window * np.exp(-stiffness * (phi - centre) ** 2 / 2)
+    kernel: Floats = images.reshape(5, size).sum(axis=0)
     return kernel
 
 
 class _Planar:
-    """Messages at uniform angles; the kernel is summed as it stands, all terms positive, so that no digit is lost even
-    where a strong force picks out the far tail of a stiff bent joint.
+    """Messages at uniform angles.
+
+    The kernel is summed as it stands, all terms positive, so that no digit is lost even where a strong force picks out
+    the far tail of a stiff bent joint.
     """
 
     def __init__(self, joints: Floats, form: str, flip: bool, curvature: float, refine: float) -> None:
@@ -371,23 +399,27 @@ class _Planar:
         kinked = form == "harmonic" and (
             (flip and bool(joints[:, 1].any())) or joints[:, 0].min(initial=np.inf) * math.pi**2 / 2 < _CUT
         )
-        # An integrand exp(-c theta^2/2) has frequencies up to 7.7 sqrt(c); a kink needs them below 0.3 of the sampling rate.
-        band = 7.7 * math.sqrt(2 * stiffest + (4 if kinked else 1) * curvature)
+        # An integrand exp(-c theta^2/2) has frequencies up to 7.7 sqrt(c), which the sampling rate must exceed; beside
+        # a kink they must stay below 0.3 of it.
+        band = 7.7 * math.sqrt(2 * stiffest + (2 if kinked else 1) * curvature)
         size = 4 * math.ceil(refine * (band / 0.3 if kinked else band + 16) / 4)
         self.size = max(size, 128)
-        self.even = flip or not joints[:, 1].any()  # then the chain and its mirror image weigh the same: half the circle
+        self.even = flip or not joints[:, 1].any()  # its mirror image weighs the same: half the circle
         self.nodes = 2 * math.pi * (np.arange(self.size // 2 if self.even else self.size) + 0.5) / self.size
         self.cosines, self.weights = np.cos(self.nodes), np.full(self.nodes.shape, 2 * math.pi / self.size)
+        if len(self.nodes) > _LARGEST:
+            raise check.fail("force", f"be weaker: this chain would need {len(self.nodes)} angles, at most", _LARGEST)
         self.built = -1
 
     def __call__(self, joint: int, messages: Floats) -> Floats:
         if self.built < 0 or (self.joints[joint] != self.joints[self.built]).any():
-            kernel = _planar_kernel(*self.joints[joint], self.form, self.flip, self.size)
-            i = np.arange(len(self.nodes))
-            self.matrix = kernel[(i[:, None] - i) % self.size]
+            stiffness, rest = self.joints[joint].tolist()
+            kernel = _planar_kernel(stiffness, rest, self.form, self.flip, self.size)
+            kernel /= kernel.sum()
+            size = len(self.nodes)
+            self.matrix = linalg.toeplitz(kernel[:size], np.roll(kernel[::-1], 1)[:size])  # kernel[i - j]
             if self.even:
-                self.matrix += kernel[(i[:, None] + i + 1) % self.size]
-            self.matrix /= kernel.sum()
+                self.matrix += linalg.hankel(kernel[1 : size + 1], kernel[size : 2 * size])  # kernel[i + j + 1]
         self.built = joint
         result: Floats = self.matrix @ messages
         return result
@@ -406,7 +438,9 @@ class _Spatial:
         self.projection = np.ascontiguousarray((self.polynomials * self.weights[:, None]).T)
         distinct, self.which = np.unique(joints, axis=0, return_inverse=True)
         self.which = self.which.reshape(-1)
-        self.coefficients = _legendre_coefficients(*distinct.T, form, self.size) if len(joints) else np.empty((0, 0))
+        self.coefficients = np.empty((0, 0))
+        if len(joints):
+            self.coefficients = _legendre_coefficients(distinct[:, 0], distinct[:, 1], form, self.size)
         kept = np.abs(self.coefficients).max(axis=0, initial=0.0) > 1e-18
         self.kept = int(np.flatnonzero(kept).max(initial=0)) + 1
         self.tail = 0.0
@@ -440,51 +474,64 @@ def _propagate(
         if bond < segments - 1:
             messages = operator(bond, np.hstack([joint, derivative]))
             message = np.maximum(messages[:, :forces], _TINY)
-            log_message, slope = np.log(message), messages[:, forces:] / message
+            log_message, slope = np.log(message), np.where(message > _TINY, messages[:, forces:] / message, 0.0)
     weights: Floats = operator.weights
     return kT * (weights @ derivative) / (weights @ joint), amplified
 
 
-def _extension(
-    force: Floats, segments: int, bond_length: float, joints: Floats, kT: float, stretching: float | None,
-    form: str, flip: bool, dimension: int, refine: float = 1.0,
-) -> Floats:  # fmt: skip
-    """`extension_discrete` for checked arguments; `joints` is (segments - 1, 2): alpha/kT and rest angle.
+@dataclasses.dataclass(frozen=True)
+class _Chain:
+    """The checked arguments of `extension_discrete`; `joints` is (segments - 1, 2): alpha/kT and rest angle."""
 
-    `refine` multiplies the number of nodes: the tests double it.
-    """
+    segments: int
+    bond_length: float
+    joints: Floats
+    kT: float  # noqa: N815 - the field's symbol
+    stretching: float | None
+    form: str
+    flip: bool
+    dimension: int
+
+
+def _extension(force: Floats, chain: _Chain, refine: float = 1.0) -> Floats:
+    """`extension_discrete` for checked arguments; `refine` multiplies the number of nodes (the tests double it)."""
+    kT, joints = chain.kT, chain.joints
+    bond = (chain.bond_length, chain.stretching, kT, chain.dimension)
     flat = force.ravel()
     strongest = np.array([flat.max()])
-    longest = float(_bond(strongest, bond_length, stretching, kT, dimension)[1][0])
+    longest = float(_bond(strongest, *bond)[1][0])
     curvature = float(strongest[0]) * longest / kT  # of log_weight in the angle, from above
-    if stretching is not None:
-        curvature += float(strongest[0]) ** 2 / (stretching * kT)
+    if chain.stretching is not None:
+        curvature += float(strongest[0]) ** 2 / (chain.stretching * kT)
     for _ in range(12):
-        operator = (
-            _Planar(joints, form, flip, curvature, refine) if dimension == 2 else _Spatial(joints, form, curvature, refine)
-        )
+        operator: _Planar | _Spatial
+        if chain.dimension == 2:
+            operator = _Planar(joints, chain.form, chain.flip, curvature, refine)
+        else:
+            operator = _Spatial(joints, chain.form, curvature, refine)
         tension = operator.cosines[:, None] * flat
-        log_weight, length = _bond(tension, bond_length, stretching, kT, dimension)
+        log_weight, length = _bond(tension, *bond)
         pull = operator.cosines[:, None] * length / kT
-        extension, amplified = _propagate(operator, segments, log_weight, pull, kT)
-        if isinstance(operator, _Planar) or operator.tail < _TAIL:
+        extension, amplified = _propagate(operator, chain.segments, log_weight, pull, kT)
+        if isinstance(operator, _Planar):
+            break
+        if _NOISE * math.exp(min(amplified, 700)) > _TOLERANCE:
+            raise check.fail("force", "be weaker for joints this stiff and bent (rounding spoils it)", flat.max())
+        if operator.tail < _TAIL:
             break
         refine *= 1.4
     else:
         raise RuntimeError(f"The chain did not converge with {operator.size} harmonics.")
-    if dimension == 3 and joints[:, 1].any() and _NOISE * math.exp(min(amplified, 700)) > _TOLERANCE:
-        raise check.fail("force", "be weaker for joints this stiff and bent (rounding would spoil the result)", flat.max())
     if not np.isfinite(extension).all():
-        raise check.fail("force", "be weaker for joints this stiff and bent (the weights underflow)", flat.max())
+        raise check.fail("force", "be weaker for joints this stiff and bent (weights underflow)", flat.max())
     return np.where(flat == 0, 0.0, extension).reshape(force.shape)
 
 
 def _check_chain(
-    segments: int, bond_length: float, bending: ArrayLike, kT: float, stretching: float | None,
-    form: str, rest_angles: ArrayLike, flip: bool, dimension: int,
-) -> tuple[int, float, Floats, float, float | None, str, bool, int]:  # fmt: skip
-    """The arguments of `_extension` after the force."""
-    _check_joint(form, dimension)
+    *, segments: int, bond_length: float, bending: ArrayLike, kT: float, stretching: float | None,
+    bending_form: BendingForm, rest_angles: ArrayLike, flip: bool, dimension: int,
+) -> _Chain:  # fmt: skip
+    _check_joint(bending_form, dimension)
     segments, kT = check.integer("segments", segments, low=1), positive_scalar("kT", kT)
     joints = np.empty((segments - 1, 2))
     low = 0.0 if flip else -math.pi
@@ -494,13 +541,13 @@ def _check_chain(
     )
     for column, (name, values) in enumerate(columns):
         joints[:, column] = values if values.ndim == 0 else check.shape(name, values, (segments - 1,))
-    if form == "cosine" and columns[1][1].any():
+    if bending_form == "cosine" and columns[1][1].any():
         raise check.fail("rest_angles", "be 0 for the cosine form", rest_angles)
     if dimension == 3 and not flip:
         raise check.fail("flip", "be True in three dimensions, where an angle has no sign", flip)
     length = positive_scalar("bond_length", bond_length)
     stretching = None if stretching is None else positive_scalar("stretching", stretching)
-    return segments, length, joints, kT, stretching, form, flip, dimension
+    return _Chain(segments, length, joints, kT, stretching, bending_form, flip, dimension)
 
 
 def extension_discrete(
@@ -511,9 +558,9 @@ def extension_discrete(
     """Mean extension of the finite discrete chain with free ends, exact, for the potentials that are simulated.
 
     `Z = int prod_i [s_i^(d-1) ds_i dt_i exp(-k (s_i - b0)^2/(2 kT) + F s_i t_i.z/kT)] prod_j exp(-E_j(beta_j)/kT)`,
-    `E_j = 1/2 alpha_j (beta_j - beta0_j)^2` or `-alpha_j cos(beta_j)`; the extension is `kT d(ln Z)/dF`. Each stretch is
-    integrated out in closed form, the directions by a transfer operator (Kramers and Wannier; for chains e.g. Livadaru,
-    Netz and Kreuzer, Macromolecules 36, 3732 (2003)).
+    `E_j = 1/2 alpha_j (beta_j - beta0_j)^2` or `-alpha_j cos(beta_j)`; the extension is `kT d(ln Z)/dF`. Each stretch
+    is integrated out in closed form, the directions by a transfer operator (for chains e.g. Livadaru, Netz and Kreuzer,
+    Macromolecules 36, 3732 (2003)).
 
     Args:
         force: F >= 0 in pN, scalar or array.
@@ -523,8 +570,8 @@ def extension_discrete(
         kT: thermal energy in pN nm.
         stretching: stiffness k of a bond in pN/nm; None for rigid bonds.
         bending_form: "harmonic" or "cosine".
-        rest_angles: beta0 in [0, pi], scalar or one per joint, (N-1,); 0 for the cosine form. In three dimensions a bent
-            joint turns freely about the bond before it (no torsion).
+        rest_angles: beta0 in [0, pi], scalar or one per joint, (N-1,); 0 for the cosine form. In three dimensions a
+            bent joint turns freely about the bond before it (no torsion).
         flip: in two dimensions, whether a bent joint may bend either way: True takes the unsigned angle, a double well;
             False freezes each sign, `E_j = 1/2 alpha_j (phi_j - phi0_j)^2` with the difference wrapped into (-pi, pi]
             and `rest_angles` signed, in [-pi, pi]. The chain as a whole turns freely in both cases.
@@ -541,11 +588,14 @@ def extension_discrete(
     Examples:
         >>> chain = dict(segments=80, bond_length=12.5, bending=17.0, kT=4.114)
         >>> extension_discrete([0.0, 0.1, 10.0], **chain).round(2)
-        array([  0.  , 491.53, 951.71])
+        array([  0.  , 537.59, 973.48])
     """
-    chain = _check_chain(segments, bond_length, bending, kT, stretching, bending_form, rest_angles, flip, dimension)
+    chain = _check_chain(
+        segments=segments, bond_length=bond_length, bending=bending, kT=kT, stretching=stretching,
+        bending_form=bending_form, rest_angles=rest_angles, flip=flip, dimension=dimension,
+    )  # fmt: skip
     values = check.non_negative("force", force)
-    return scalar_or_array(_extension(values, *chain) if values.size else values)
+    return scalar_or_array(_extension(values, chain) if values.size else values)
 
 
 def force_discrete(
@@ -578,11 +628,14 @@ def force_discrete(
         >>> round(force_discrete(extension_discrete(1.0, **chain), **chain), 9)
         1.0
     """
-    chain = _check_chain(segments, bond_length, bending, kT, stretching, bending_form, rest_angles, flip, dimension)
+    chain = _check_chain(
+        segments=segments, bond_length=bond_length, bending=bending, kT=kT, stretching=stretching,
+        bending_form=bending_form, rest_angles=rest_angles, flip=flip, dimension=dimension,
+    )  # fmt: skip
     values = check.non_negative("extension", extension)
-    contour = chain[0] * chain[1]
+    contour = chain.segments * chain.bond_length
     if stretching is None and (values >= contour).any():
         raise check.fail("extension", f"lie below the contour length {contour:.6g} nm", f"{values.max():.6g}")
     fraction = np.minimum(values / contour, 0.999)
-    guess = chain[3] / chain[1] * fraction / (1 - fraction)  # that of free joints, within a factor
-    return scalar_or_array(invert(lambda f: _extension(f, *chain), values, guess))
+    guess = chain.kT / chain.bond_length * fraction / (1 - fraction)  # that of free joints, within a factor
+    return scalar_or_array(invert(lambda f: _extension(f, chain), values, guess))

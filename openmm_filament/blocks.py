@@ -1,0 +1,133 @@
+"""One stretch of a force-clamp simulation: what a worker process runs, from numbers and bytes to numbers and bytes.
+
+A block ends with an OpenMM checkpoint, which on Reference holds the random stream too, so that the next block of the
+same run may be made by any process and the run is the same bit for bit however it was cut up. Reference has one random
+stream a process: a block therefore makes its Context, runs alone, and gives it up.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+from openmm import unit
+
+from openmm_filament import units
+from openmm_filament.divergence import diagnose
+from openmm_filament.filament import Filament
+from openmm_filament.integrators import langevin
+from openmm_filament.loads import Hold, Load, Plane, Pull
+from openmm_filament.model import Model, build
+from openmm_filament.platforms import platform_properties
+from openmm_filament.starts import equilibrium_starts
+
+__all__ = ["Block", "BlockResult", "clamped_model", "run_block"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """What to run: `replicas` of a filament, bead 0 held, the last one pulled by `force` (kJ/mol/nm).
+
+    `timestep` (ps) and `friction` (1/ps) are physical. Samples are taken every `stride` steps. Without a checkpoint
+    the run begins, at shapes drawn from equilibrium, with `warm_up` steps that give no samples.
+    """
+
+    filament: Filament
+    force: float
+    temperature: float
+    dimension: int
+    replicas: int
+    seed: int
+    timestep: float
+    friction: float
+    stride: int
+    samples: int
+    warm_up: int
+    platform: str
+    keep_frames: bool
+    checkpoint: bytes | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BlockResult:
+    """Extensions (replicas, samples) in nm, replica 0's frames (samples, N, 3) in internal units or None, the
+    checkpoint to go on from, and the wall time spent in seconds."""
+
+    extensions: Array
+    frames: NDArray[np.float32] | None
+    checkpoint: bytes
+    seconds: float
+
+
+def clamped_model(filament: Filament, force: float, dimension: int, replicas: int) -> Model:
+    """Replicas with bead 0 held and the last bead pulled along z (x in two dimensions) by `force` in kJ/mol/nm."""
+    pull = np.zeros(3)
+    pull[_axis(dimension)] = force
+    loads: list[Load] = [Hold(0), Pull(-1, units.quantity(pull, "force"))]
+    if dimension == 2:
+        loads.append(Plane())
+    return build([filament] * replicas, [loads] * replicas)
+
+
+def _axis(dimension: int) -> int:
+    return 2 if dimension == 3 else 0
+
+
+def run_block(block: Block) -> BlockResult:
+    """Run a block in this process.
+
+    Raises
+    ------
+    DivergedError
+        If a coordinate is not finite.
+    """
+    begun = time.perf_counter()
+    model = clamped_model(block.filament, block.force, block.dimension, block.replicas)
+    temperature = block.temperature * unit.kelvin
+    integrator = langevin(
+        model, temperature, timestep=block.timestep * unit.picosecond, friction=block.friction / unit.picosecond,
+        seed=block.seed,
+    )  # fmt: skip
+    platform = mm.Platform.getPlatformByName(block.platform)
+    context = mm.Context(model.system, integrator, platform, platform_properties(model, platform, temperature))
+    if block.checkpoint is None:
+        _begin(block, model, context)
+        integrator.step(block.warm_up)
+    else:
+        context.loadCheckpoint(block.checkpoint)
+    state = context.getState(positions=True, velocities=True)
+    good = _positions(state), units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity"), 0
+
+    axis, beads = _axis(block.dimension), len(block.filament)
+    extensions = np.empty((block.replicas, block.samples))
+    frames = np.empty((block.samples, beads, 3), dtype=np.float32) if block.keep_frames else None
+    for sample in range(block.samples):
+        integrator.step(block.stride)
+        positions = _positions(context.getState(positions=True))
+        chains = positions.reshape(block.replicas, beads, 3)
+        extensions[:, sample] = chains[:, -1, axis] - chains[:, 0, axis]
+        if frames is not None:
+            frames[sample] = chains[0]
+        if not np.isfinite(extensions[:, sample]).all():
+            raise diagnose(model, context, positions, (sample + 1) * block.stride, good)
+    return BlockResult(
+        extensions * model.scale.length, frames, context.createCheckpoint(), time.perf_counter() - begun
+    )
+
+
+def _positions(state: mm.State) -> Array:
+    return units.numbers("positions", state.getPositions(asNumpy=True), "length")
+
+
+def _begin(block: Block, model: Model, context: mm.Context) -> None:
+    rng = np.random.default_rng(block.seed)
+    starts = equilibrium_starts(
+        block.filament, block.force, block.temperature, block.replicas, rng, block.dimension
+    )  # fmt: skip
+    context.setPositions(starts.reshape(-1, 3) / model.scale.length)
+    context.setVelocitiesToTemperature(block.temperature / model.scale.factor("temperature"), block.seed)

@@ -1,0 +1,180 @@
+"""Which discrete chain to run for a worm-like chain at a force, and what its extension is exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from openmm import unit
+
+from openmm_filament import bending, stretching, units, wlc
+from openmm_filament.filament import Filament
+from openmm_filament.rods import INEXTENSIBLE, Match, WormlikeChain
+
+__all__ = ["PN", "ExactChain", "choose", "exact_chain"]
+
+Array = NDArray[np.float64]
+
+PN: float = (1.0 * unit.piconewton * unit.AVOGADRO_CONSTANT_NA).value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
+"""One piconewton in kJ/mol/nm, 0.602214."""
+
+_LADDER = (16, 24, 40, 64, 112, 200, 360, 640, 1140)
+"""Segments of a chain of 19 persistence lengths (for others in proportion) at which the discretisation error is
+computed, as far as the wanted error asks; between them it is interpolated."""
+
+_SOFTER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
+"""Bond stiffness over S/b that may be run: bonds are by far the stiffest modes, and at small forces their stretch does
+not count."""
+
+_BOND_SPREAD = 0.1
+"""Largest thermal fluctuation of a bond relative to its length."""
+
+_ENOUGH = 0.6
+"""Part of the wanted error that the known bias may take, where samples are few it costs nothing to let it."""
+
+FEWEST_SAMPLES = 60
+"""Effective samples that are taken at any force, however small its fluctuations: fewer would not support an error bar."""
+
+
+@dataclass(frozen=True)
+class ExactChain:
+    """The arguments of `wlc.extension_discrete` for a filament at a temperature: nm, pN nm, pN/nm, rad."""
+
+    segments: int
+    bond_length: float
+    bending: float | Array
+    bending_form: str
+    rest_angles: float | Array
+    stretching: float
+    kT: float
+
+    def extension(self, force: Any, dimension: int = 3) -> Any:
+        """Exact mean extension in nm at a force, or an array of them, in pN; free ends, joints free to flip in 2D."""
+        return wlc.extension_discrete(
+            force, segments=self.segments, bond_length=self.bond_length, bending=self.bending, kT=self.kT,
+            stretching=self.stretching, bending_form=self.bending_form, rest_angles=self.rest_angles,  # type: ignore[arg-type]
+            dimension=dimension,
+        )  # fmt: skip
+
+
+def exact_chain(filament: Filament, temperature: unit.Quantity) -> ExactChain | None:
+    """The exact theory of an open filament with one harmonic stretching and one bending term; None for any other.
+
+    Bonds must be alike (`wlc.extension_discrete` has one bond for the chain); joints may differ.
+    """
+    bound = {i.term: i.parameters for i in filament.interactions()}
+    angle = next((term for term in (bending.Harmonic, bending.Cosine) if term in bound), None)
+    if filament.closed or angle is None or set(bound) != {stretching.Harmonic, angle} or len(filament.terms) != 2:
+        return None
+    bond, joint = bound[stretching.Harmonic], bound[angle]
+    if np.ptp(bond["k"]) or np.ptp(bond["r0"]):
+        return None
+    return ExactChain(
+        segments=len(filament) - 1,
+        bond_length=float(bond["r0"][0]),
+        bending=_one(joint["alpha"] / PN),
+        bending_form="harmonic" if angle is bending.Harmonic else "cosine",
+        rest_angles=_one(joint["beta0"]) if "beta0" in joint else 0.0,
+        stretching=float(bond["k"][0]) / PN,
+        kT=units.BOLTZMANN * units.number("temperature", temperature, "temperature") / PN,
+    )
+
+
+def _one(values: Array) -> float | Array:
+    return values if np.ptp(values) else float(values[0])
+
+
+def choose(
+    chain: WormlikeChain, forces: Array, temperature: unit.Quantity, relative_error: Array
+) -> list[tuple[Filament, float]]:
+    """For each force the filament that is cheapest to sample to its error, and its known relative bias.
+
+    Candidates differ in the number of segments and in how soft their bonds are. The cost of a sample grows as the
+    number of beads times the number of steps in a relaxation time, hence as `N^2 sqrt(4 S' + 16 alpha/b)` with S' the
+    stretch modulus that is run (the stiffest mode over the slowest), and that of the wanted error as
+    `1/(relative_error - |bias|)^2`.
+
+    Parameters
+    ----------
+    forces : ndarray
+        pN, (M,).
+    relative_error : ndarray
+        Wanted errors, (M,).
+
+    Returns
+    -------
+    list of (Filament, float)
+        The bias is `discrete/continuous - 1`, both exact.
+
+    Raises
+    ------
+    ValueError
+        If no candidate has a bias below a wanted error.
+    """
+    length, lp = (units.number("chain", q, "length") for q in (chain.contour_length, chain.persistence_length))
+    kt = units.BOLTZMANN * units.number("temperature", temperature, "temperature") / PN
+    modulus = None if chain.stretch_modulus is None else units.number("chain", chain.stretch_modulus, "force") / PN
+    continuous = wlc.extension_exact(forces, lp, length, kt, stretch_modulus=modulus, finite=True)
+    fluctuation = _fluctuation(forces, continuous, lambda f: wlc.extension_exact(
+        f, lp, length, kt, stretch_modulus=modulus, finite=True), kt)  # fmt: skip
+    ladder, biases = _survey(chain, temperature, forces, continuous, relative_error, length / lp)
+    counts = np.unique(np.round(np.geomspace(ladder[0], ladder[-1], 60)).astype(int))
+    b = length / counts
+    plans = []
+    for column, (force, wanted) in enumerate(zip(forces, relative_error, strict=True)):
+        at = np.exp(np.interp(np.log(counts), np.log(ladder), np.log(np.abs(biases[:, column]) + 1e-12)))
+        best = (math.inf, 0, 1.0)
+        for soft in _SOFTER if modulus is not None else (1.0,):
+            run = soft * (modulus if modulus is not None else INEXTENSIBLE * kt * lp / length**2)
+            bias = at if modulus is None else at + force * (1 / run - 1 / modulus)
+            samples = (fluctuation[column] / (np.maximum(wanted - bias, 1e-9) / 2)) ** 2
+            cost = np.maximum(samples, FEWEST_SAMPLES) * counts**2 * np.sqrt(4 * run + 16 * kt * lp / b**2)
+            cost[(bias >= _ENOUGH * wanted) | ((np.sqrt(kt / (run * b)) > _BOND_SPREAD) & (soft < 1))] = math.inf
+            i = int(np.argmin(cost))
+            best = min(best, (float(cost[i]), int(counts[i]), soft))
+        if math.isinf(best[0]):
+            raise ValueError(
+                f"Argument `relative_error` must be well above the discretisation error of {ladder[-1]} segments, "
+                f"{np.abs(biases[-1, column]):.3g} at {force:.6g} pN, but is {wanted:.6g}."
+            )
+        filament = _filament(chain, best[1], temperature, best[2])
+        plans.append((filament, float(_bias_of(filament, temperature, force, continuous[column]))))
+    return plans
+
+
+def _survey(
+    chain: WormlikeChain, temperature: unit.Quantity, forces: Array, continuous: Array, wanted: Array, lengths: float
+) -> tuple[NDArray[np.int64], Array]:
+    """Numbers of segments, and biases (numbers, forces) of the chains with them, until the wanted errors are met."""
+    ladder: list[int] = []
+    rows: list[Array] = []
+    for count in dict.fromkeys(max(round(n * lengths / 19), 4) for n in _LADDER):
+        try:
+            rows.append(_bias_of(_filament(chain, count, temperature, 1.0), temperature, forces, continuous))
+        except ValueError:  # segments too long for this chain's end-to-end distance
+            continue
+        ladder.append(count)
+        if (np.abs(rows[-1]) < 0.3 * wanted).all():
+            break
+    return np.array(ladder), np.array(rows)
+
+
+def _fluctuation(forces: Array, extension: Array, exact: Callable[[Array], Array], kt: float) -> Array:
+    """Relative fluctuation of the extension, `sqrt(k_B T dz/dF)/z`."""
+    slope = (exact(forces * 1.01) - exact(forces * 0.99)) / (0.02 * forces)
+    return np.asarray(np.sqrt(kt * slope) / extension)
+
+
+def _filament(chain: WormlikeChain, segments: int, temperature: unit.Quantity, soft: float) -> Filament:
+    modulus = None if chain.stretch_modulus is None else soft * chain.stretch_modulus
+    return chain.filament(segments, temperature, match=Match.END_TO_END, stretch_modulus=modulus)
+
+
+def _bias_of(filament: Filament, temperature: unit.Quantity, force: Any, continuous: Any) -> Any:
+    exact = exact_chain(filament, temperature)
+    assert exact is not None  # a worm-like chain has one stretching and one bending term
+    return exact.extension(force) / continuous - 1

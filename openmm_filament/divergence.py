@@ -1,0 +1,167 @@
+"""Stopping a run that has diverged, with a report of where and why, and the last good frame kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+from openmm import app, unit
+
+from openmm_filament import _checks as check
+from openmm_filament import units
+from openmm_filament.geometry import bending_angles, dihedrals
+from openmm_filament.model import Model
+from openmm_filament.inspection import describe_bead
+from openmm_filament.timestep import highest_frequency
+
+__all__ = ["DivergedError", "Watch", "watch"]
+
+Array = NDArray[np.float64]
+
+_REPLAY = 2000
+"""At most so many single steps are repeated from the last good frame to find the step at which a run diverged."""
+
+
+class DivergedError(RuntimeError):
+    """A run whose coordinates are no longer finite.
+
+    Attributes
+    ----------
+    bead : int
+        The first bad bead, in the whole model.
+    term : str
+        The term that did it.
+    step : int
+        The step by which it had happened.
+    last_good : Quantity
+        Positions (N, 3) of the last good frame, physical.
+    """
+
+    def __init__(self, message: str, bead: int, term: str, step: int, last_good: unit.Quantity) -> None:
+        super().__init__(message)
+        self.bead, self.term, self.step, self.last_good = bead, term, step, last_good
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return DivergedError, (str(self), self.bead, self.term, self.step, self.last_good)
+
+
+def watch(model: Model, interval: int) -> Watch:
+    """A reporter that stops a Simulation with DivergedError when a coordinate is not finite.
+
+    Every `interval` steps it looks at the positions and keeps them as the last good frame.
+    """
+    return Watch(model, interval)
+
+
+class Watch:
+    """The reporter behind `watch`; `trajectory_reporter` looks out in the same way before it writes a frame."""
+
+    def __init__(self, model: Model, interval: int) -> None:
+        self._model = model
+        self._interval = check.integer("interval", interval, low=1)
+        self._good: tuple[Array, Array, int] | None = None
+
+    def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
+        """When OpenMM is to call next, and with what; the first call keeps the starting frame."""
+        if self._good is None:
+            self.look(simulation, simulation.context.getState(positions=True, velocities=True))
+        steps = self._interval - simulation.currentStep % self._interval
+        return {"steps": steps, "periodic": None, "include": ["positions", "velocities"]}
+
+    def report(self, simulation: app.Simulation, state: mm.State) -> None:
+        """Called by OpenMM every `interval` steps."""
+        self.look(simulation, state)
+
+    def look(self, simulation: app.Simulation, state: mm.State) -> Array:
+        """The positions (N, 3) of the state in internal units if they are finite; raises DivergedError otherwise."""
+        positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
+        if np.isfinite(positions).all():
+            velocities = units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity")
+            self._good = positions, velocities, simulation.currentStep
+            return positions
+        raise diagnose(self._model, simulation.context, positions, simulation.currentStep, self._good)
+
+
+def diagnose(
+    model: Model, context: mm.Context, bad: Array, step: int, good: tuple[Array, Array, int] | None
+) -> DivergedError:
+    """The report on a run that diverged by `step`, from its last good positions, velocities and step.
+
+    The steps since are repeated one by one to find where it happened; the Context is left where that ends.
+    """
+    first = int(np.argmax(~np.isfinite(bad).all(axis=1)))
+    if good is None:
+        nothing = model.to_physical(np.full(bad.shape, np.nan), "length")
+        return DivergedError(
+            f"{describe_bead(model, first).capitalize()} is not finite at step {step}, the first that was looked at.",
+            first, "unknown", step, nothing,
+        )  # fmt: skip
+    kept, velocities, since = good
+    limit = 2.0 / highest_frequency(model, kept)
+    before, at = _replay(model, context, kept, velocities, since, step)
+    term, bead = _culprit(model, context, before)
+    dt = context.getIntegrator().getStepSize().value_in_unit(unit.picosecond)
+    to_ps = model.scale.factor("time")
+    message = (
+        f"The run diverged at step {at} (last good frame: step {since}): {describe_bead(model, bead)} is not finite, by "
+        f"the force of {term}. Just before, {_surroundings(model, before, bead)}. "
+        f"The time step is {dt * to_ps:.6g} ps; the stability limit at the last good frame was {limit * to_ps:.6g} ps."
+    )
+    return DivergedError(message, bead, term, at, model.to_physical(kept, "length"))
+
+
+def _replay(
+    model: Model, context: mm.Context, positions: Array, velocities: Array, since: int, step: int
+) -> tuple[Array, int]:
+    """Positions at the last step before the run diverged, and the step at which it did."""
+    context.setPositions(positions)
+    context.setVelocities(velocities)
+    span = float(np.ptp(positions, axis=0).max())
+    before = positions
+    for at in range(since + 1, min(step, since + _REPLAY) + 1):
+        context.getIntegrator().step(1)
+        after = units.numbers("positions", context.getState(positions=True).getPositions(asNumpy=True), "length")
+        if not np.isfinite(after).all() or np.abs(after - positions).max() > 1e3 * span:
+            return before, at
+        before = after
+    return before, step
+
+
+def _culprit(model: Model, context: mm.Context, positions: Array) -> tuple[str, int]:
+    """The term whose force is the first not finite, or the largest, and the bead that it acts on."""
+    context.setPositions(positions)
+    largest, found = -1.0, ("unknown", 0)
+    for name, group in model.groups.items():
+        state = context.getState(forces=True, groups=1 << group)
+        size = np.abs(units.numbers("forces", state.getForces(asNumpy=True), "force")).max(axis=1)
+        if not np.isfinite(size).all():
+            return name, int(np.argmax(~np.isfinite(size)))
+        if size.max() > largest:
+            largest, found = float(size.max()), (name, int(np.argmax(size)))
+    return found
+
+
+def _surroundings(model: Model, positions: Array, bead: int) -> str:
+    """Segment lengths, bending angles and torsions about a bead, in physical units and radians."""
+    filament = int(np.searchsorted(model.starts, bead, side="right")) - 1
+    low = max(int(model.starts[filament]), bead - 2)
+    high = min(int(model.starts[filament + 1]), bead + 3)
+    local = positions[low:high]
+    first, last = low - model.starts[filament], high - 1 - model.starts[filament]
+    parts = []
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lengths = np.linalg.norm(np.diff(local, axis=0), axis=-1) * model.scale.length
+        parts.append(f"from bead {first} to {last} the segment lengths were {_listed(lengths)} nm")
+        if len(local) > 2:
+            angles = bending_angles(np.stack([local[i : i + 3] for i in range(len(local) - 2)]))
+            parts.append(f"the bending angles {_listed(angles)} rad")
+        if len(local) > 3 and "torsion" in model.groups:
+            torsions = dihedrals(np.stack([local[i : i + 4] for i in range(len(local) - 3)]))
+            parts.append(f"the torsions {_listed(torsions)} rad")
+    return ", ".join(parts)
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)

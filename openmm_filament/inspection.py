@@ -1,0 +1,268 @@
+"""Checks before a run: what would go wrong in it, said while nothing is lost yet."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+from openmm import unit
+
+from openmm_filament import units
+from openmm_filament._term import Interaction
+from openmm_filament.evaluation import internal_positions
+from openmm_filament.filament import COLLINEAR
+from openmm_filament.geometry import bending_angles, cross, dot, unit_vectors
+from openmm_filament.model import Model
+from openmm_filament.timestep import highest_frequency
+
+__all__ = ["Preflight", "PreflightError", "PreflightWarning", "describe_bead", "preflight"]
+
+Array = NDArray[np.float64]
+
+_FORCE_TOLERANCE = 1e-3
+"""Largest error of a term's forces relative to its largest force, or to a thousandth of the stiffness of that term."""
+
+_NEARLY_COLLINEAR = 1e-3
+"""sin(beta) below which the torsion force, growing as 1/sin(beta), is warned of."""
+
+_MUCH_TOO_SHORT = 1e-4
+"""Time step over the limit below which a scaled model was probably given a physical time step."""
+
+_TOO_HOT = 10.0
+"""k_B T over the stretching energy k b^2 above which a chain cannot keep its shape."""
+
+
+class PreflightError(ValueError):
+    """A run that would give wrong results or none."""
+
+
+class PreflightWarning(UserWarning):
+    """A run that may give less than it promises."""
+
+
+@dataclass(frozen=True)
+class Preflight:
+    """What was measured. Times are physical.
+
+    Attributes
+    ----------
+    timestep_limit : Quantity
+        The stability limit at these positions.
+    timestep : Quantity or None
+        The Context's own time step.
+    force_errors : dict of str to float
+        Largest deviation from the NumPy forces by term, relative as for `force_tolerance`; empty without a Context.
+    """
+
+    timestep_limit: unit.Quantity
+    timestep: unit.Quantity | None
+    force_errors: dict[str, float]
+
+
+def preflight(
+    model: Model, context: mm.Context | None = None, *, force_tolerance: float = _FORCE_TOLERANCE
+) -> Preflight:
+    """Refuse or warn of a run that would go wrong, naming beads and values.
+
+    With a Context its own positions, time step, temperature and forces are checked, the last against the NumPy
+    reference at these positions; without one, the rest positions alone.
+
+    Parameters
+    ----------
+    force_tolerance : float
+        The largest accepted error of a term's forces, relative to the largest force of that term or to a thousandth
+        of its stiffness (a bending angle of 1e-3 rad, a strain of 1e-3), whichever is larger.
+
+    Raises
+    ------
+    PreflightError
+        For non-finite or coincident beads, collinear beads under a torsion term, a time step above the stability
+        limit, a temperature that tears the bonds, and forces off by more than the tolerance.
+
+    Warns
+    -----
+    PreflightWarning
+        For nearly collinear beads under torsion, a time step that looks physical on a scaled model, and smaller
+        forces that carry an error above the tolerance.
+    """
+    x = internal_positions(model) if context is None else _context_positions(model, context)
+    _check_positions(model, x)
+    limit = 2.0 / highest_frequency(model, x)
+    step = None
+    errors: dict[str, float] = {}
+    if context is not None:
+        step = _check_integrator(model, context.getIntegrator(), limit)
+        errors = _check_forces(model, context, x, force_tolerance)
+    return Preflight(
+        model.to_physical(limit, "time"), None if step is None else model.to_physical(step, "time"), errors
+    )
+
+
+def describe_bead(model: Model, bead: int) -> str:
+    """A bead of the model in words: "bead 3", or "bead 3 of filament 1" where there are several."""
+    if len(model.filaments) == 1:
+        return f"bead {bead}"
+    filament = int(np.searchsorted(model.starts, bead, side="right")) - 1
+    return f"bead {bead - model.starts[filament]} of filament {filament}"
+
+
+def _context_positions(model: Model, context: mm.Context) -> Array:
+    size = context.getSystem().getNumParticles()
+    if size != model.starts[-1]:
+        raise PreflightError(f"Argument `context` must be of the model's System with {model.starts[-1]} beads, but has {size}.")
+    return units.numbers("positions", context.getState(positions=True).getPositions(asNumpy=True), "length")
+
+
+def _check_positions(model: Model, x: Array) -> None:
+    bad = ~np.isfinite(x).all(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise PreflightError(f"Positions must be finite, but {describe_bead(model, first)} is at {x[first].tolist()}.")
+    for interaction in model.interactions:
+        pairs = interaction.beads[:, :2]
+        lengths = np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=-1)
+        if (lengths == 0).any():
+            i, j = pairs[int(np.argmin(lengths))]
+            raise PreflightError(f"Neighbours must not coincide, but {describe_bead(model, i)} and bead {j} do.")
+        if interaction.term.needs_bends:
+            _check_bends(model, interaction, x)
+
+
+def _check_bends(model: Model, interaction: Interaction, x: Array) -> None:
+    for first in (0, 1):
+        beads = interaction.beads[:, first : first + 3]
+        u, v = (unit_vectors(x[beads[:, k + 1]] - x[beads[:, k]]) for k in range(2))
+        sine = np.sqrt(dot(cross(u, v), cross(u, v)))
+        if not len(sine) or (smallest := float(sine.min())) >= _NEARLY_COLLINEAR:
+            continue
+        i, j, k = (int(b) for b in beads[int(np.argmin(sine))])
+        where = f"beads {i}, {j} and {k} (sin of the bending angle {smallest:.3g})"
+        if smallest < COLLINEAR:
+            raise PreflightError(
+                f"Beads under torsion.{interaction.term.__name__} must not be collinear, but {where} are: use torsion.Weighted."
+            )
+        warnings.warn(
+            f"Nearly collinear {where} under torsion.{interaction.term.__name__}: its force grows as one over that "
+            "sine; torsion.Weighted stays smooth.",
+            PreflightWarning,
+            stacklevel=4,
+        )
+
+
+def _check_integrator(model: Model, integrator: Any, limit: float) -> float:
+    step = integrator.getStepSize().value_in_unit(unit.picosecond)
+    to_ps = model.scale.factor("time")
+    if step > limit:
+        hint = "" if model.scale.is_identity else _scaled_hint(model)
+        raise PreflightError(
+            f"The time step must be at most the stability limit of {limit * to_ps:.6g} ps, but is {step * to_ps:.6g} ps{hint}."
+        )
+    if not model.scale.is_identity and 0 < step < _MUCH_TOO_SHORT * limit:
+        warnings.warn(
+            f"The time step is {step / limit:.2g} of the stability limit{_scaled_hint(model)}.", PreflightWarning, stacklevel=3
+        )
+    temperature = getattr(integrator, "getTemperature", None)
+    stretching = [i for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
+    if temperature is not None and stretching:
+        kt = units.BOLTZMANN * temperature().value_in_unit(unit.kelvin)
+        stored = min(float((i.parameters["k"] * i.parameters["r0"] ** 2).min()) for i in stretching)
+        if kt > _TOO_HOT * stored:
+            hint = "" if model.scale.is_identity else _scaled_hint(model)
+            raise PreflightError(
+                f"k_B T must be small against the stretching energy k b^2, but is {kt / stored:.3g} times it{hint}."
+            )
+    return float(step)
+
+
+def _scaled_hint(model: Model) -> str:
+    return (
+        f"; this model runs in scaled units (1 internal ps is {model.scale.factor('time'):.6g} ps): take the integrator "
+        "from openmm_filament, or pass its time step, friction and temperature through model.to_internal"
+    )
+
+
+def _check_forces(model: Model, context: mm.Context, x: Array, tolerance: float) -> dict[str, float]:
+    """The error of each term's forces; refused above the tolerance, warned of where the smaller forces alone are off."""
+    errors: dict[str, float] = {}
+    families = dict.fromkeys(interaction.term.family for interaction in model.interactions)
+    for family in families:
+        members = [i for i in model.interactions if i.term.family == family and len(i.beads)]
+        if not members:
+            continue
+        exact = np.sum([interaction.forces(x) for interaction in members], axis=0)
+        state = context.getState(forces=True, groups=1 << model.groups[family])
+        found = units.numbers("forces", state.getForces(asNumpy=True), "force")
+        deviation = float(np.abs(found - exact).max())
+        largest = float(np.abs(exact).max())
+        natural = max(_natural_force(interaction, x) for interaction in members)
+        error = deviation / max(largest, 1e-3 * natural)
+        errors[family] = error
+        if not error <= tolerance:
+            worst = int(np.argmax(np.abs(found - exact).max(axis=1)))
+            raise PreflightError(
+                f"Forces of {family} must agree with the NumPy reference to {tolerance:g}, but differ by {error:.3g} at "
+                f"{describe_bead(model, worst)} on {_platform(context)}{_angles(members, x)}."
+            )
+        if largest > 1e-9 * natural and not deviation <= tolerance * largest:
+            warnings.warn(
+                f"Forces of {family} at these positions carry an error of {deviation / largest:.2g} on "
+                f"{_platform(context)}{_angles(members, x)}: motion so small needs larger angles or double precision.",
+                PreflightWarning,
+                stacklevel=3,
+            )
+        _warn_of_precision(model, context, family, members, x)
+    return errors
+
+
+def _warn_of_precision(model: Model, context: mm.Context, family: str, members: list[Interaction], x: Array) -> None:
+    """Single and mixed precision lose bending angles below 3e-4 rad; rest at zero angle hides it from the forces."""
+    if family != "bending" or _precision(context) == "double":
+        return
+    smallest = min(float(bending_angles(x[interaction.beads]).min()) for interaction in members)
+    temperature = getattr(context.getIntegrator(), "getTemperature", None)
+    kt = 0.0 if temperature is None else units.BOLTZMANN * temperature().value_in_unit(unit.kelvin)
+    thermal = min(math.sqrt(kt / float(interaction.parameters["alpha"].max())) for interaction in members)
+    if max(smallest, thermal) < 3e-3:
+        warnings.warn(
+            f"Bending angles down to {smallest:.2g} rad in {_precision(context)} precision: below 3e-4 rad the bending "
+            "force is lost there. Use double precision (platform_properties gives it).",
+            PreflightWarning,
+            stacklevel=4,
+        )
+
+
+def _precision(context: mm.Context) -> str:
+    platform = context.getPlatform()
+    if "Precision" in platform.getPropertyNames():
+        return str(platform.getPropertyValue(context, "Precision"))
+    return "double"
+
+
+def _platform(context: mm.Context) -> str:
+    return f"{context.getPlatform().getName()} in {_precision(context)} precision"
+
+
+def _angles(members: list[Interaction], x: Array) -> str:
+    triples = [interaction.beads for interaction in members if interaction.term.span == 3]
+    if not triples:
+        return ""
+    angles = bending_angles(x[np.concatenate(triples)])
+    return f" with bending angles from {angles.min():.3g} to {angles.max():.3g} rad"
+
+
+def _natural_force(interaction: Interaction, x: Array) -> float:
+    """The force that a change of order one (a strain, a radian) would make."""
+    pairs = interaction.beads[:, :2]
+    length = float(np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=-1).min())
+    powers = {"stiffness": 1, "energy": -1, "energy_length": -2}
+    dimensions = interaction.term.dimensions
+    return max(
+        float(np.abs(values).max()) * length ** powers[dimensions[name]]
+        for name, values in interaction.parameters.items()
+        if dimensions[name] in powers
+    )

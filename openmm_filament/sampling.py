@@ -1,0 +1,421 @@
+"""Force-extension curves by Langevin dynamics, to a wanted error, on every core.
+
+At each force a few independent groups of replicas run from equilibrium starts, in rounds: after a round the error is
+estimated from all chains together, corrected for autocorrelation, and the next round is as long as the error asks.
+Groups, rounds and seeds do not depend on the number of processes or on timing: a seed gives the same numbers anywhere.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import platform as host
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+from openmm import unit
+
+from openmm_filament import _checks as check
+from openmm_filament import units
+from openmm_filament.blocks import Block, BlockResult, clamped_model, run_block
+from openmm_filament.discretisation import FEWEST_SAMPLES, PN, choose
+from openmm_filament.filament import Filament
+from openmm_filament.integrators import langevin
+from openmm_filament.rods import WormlikeChain
+from openmm_filament.timestep import slow_frequency
+from openmm_filament.trajectory import TrajectoryWriter
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Progress", "force_extension"]
+
+Array = NDArray[np.float64]
+
+_GROUPS = 4
+"""Independent runs a force, so that several processes can share one force."""
+
+_REPLICAS = 2
+"""Chains in the System of each run."""
+
+_SAMPLE_TIME, _WARM_UP_TIME, _FIRST_ROUND = 0.2, 3.0, 40
+"""Between samples, and before the first: times over 1/omega of the slowest mode; samples a chain in the first round."""
+
+_GROWTH = 3.0
+"""A round may make a run at most so many times longer: early estimates of the error are themselves uncertain."""
+
+_MARGIN = 1.05
+"""Samples taken over those that the estimated error asks for."""
+
+_BLOCK_BEAD_STEPS = 2e7
+"""Beads times steps of one block, two to four seconds."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The state of a running curve, as passed to `progress`.
+
+    Attributes
+    ----------
+    fraction : float
+        Of the work now expected, done.
+    seconds_left : float
+        Expected, at the pace so far; NaN before the first block.
+    force : float
+        The force, in pN, at which the last block ended.
+    extension, error : float
+        The estimate there and its standard error in nm; NaN before its first round.
+    finished : int
+        Forces whose error has been reached.
+    """
+
+    fraction: float
+    seconds_left: float
+    force: float
+    extension: float
+    error: float
+    finished: int
+
+
+@dataclass
+class _Run:
+    """One group of replicas at one force: its next block, and what it has sampled."""
+
+    block: Block
+    wanted: int
+    extensions: list[Array] = field(default_factory=list)
+
+    @property
+    def done(self) -> int:
+        return sum(part.shape[1] for part in self.extensions)
+
+    def next_block(self) -> Block:
+        most = max(1, int(_BLOCK_BEAD_STEPS / (self.block.replicas * len(self.block.filament) * self.block.stride)))
+        return replace(self.block, samples=min(self.wanted - self.done, most))
+
+
+@dataclass
+class _Point:
+    """One force of the curve."""
+
+    force: float
+    relative_error: float
+    bias: float
+    runs: list[_Run]
+    writer: TrajectoryWriter | None = None
+    frames: int = 0
+    mean: float = math.nan
+    error: float = math.nan
+    samples: float = math.nan
+    r_hat: float = math.nan
+    finished: bool = False
+
+    @property
+    def round_is_over(self) -> bool:
+        return all(run.done >= run.wanted for run in self.runs)
+
+    @property
+    def weight(self) -> float:
+        """Beads times steps for one more sample of every run."""
+        return sum(run.block.replicas * len(run.block.filament) * run.block.stride for run in self.runs)
+
+    def end_round(self) -> None:
+        """Estimate, and either finish or say how many samples the runs are to have after the next round."""
+        have = min(run.done for run in self.runs)
+        if have < 4:
+            return
+        self._estimate(have)
+        target = (self.relative_error * abs(self.mean) - abs(self.bias * self.mean / (1 + self.bias))) / 2
+        if self.error <= target and self.samples >= FEWEST_SAMPLES:
+            self.finished = True
+            return
+        asked = have * max(_MARGIN * (self.error / max(target, 1e-300)) ** 2, FEWEST_SAMPLES / self.samples)
+        wanted = math.ceil(min(max(asked, 1.2 * have), _GROWTH * have))
+        for run in self.runs:
+            run.wanted = wanted
+
+    def _estimate(self, have: int) -> None:
+        from arviz_stats.base import array_stats
+
+        chains = np.concatenate([np.concatenate(run.extensions, axis=1)[:, :have] for run in self.runs])
+        self.mean = float(chains.mean())
+        self.samples = float(array_stats.ess(chains, chain_axis=0, draw_axis=1, method="mean"))
+        self.error = float(array_stats.mcse(chains, chain_axis=0, draw_axis=1, method="mean"))
+        self.r_hat = float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
+
+    def expected(self) -> int:
+        """Samples a run that the point will have taken in all, as far as is known."""
+        have = min(run.done for run in self.runs)
+        if self.finished or math.isnan(self.error):
+            return max(run.wanted for run in self.runs)
+        target = (self.relative_error - abs(self.bias)) * abs(self.mean) / 2
+        return max(self.runs[0].wanted, math.ceil(have * (self.error / max(target, 1e-300)) ** 2))
+
+
+def force_extension(
+    chain: WormlikeChain | Filament,
+    forces: unit.Quantity,
+    temperature: unit.Quantity,
+    relative_error: float | Sequence[float] = 0.01,
+    *,
+    seed: int = 1,
+    dimension: int = 3,
+    processes: int | None = None,
+    platform: str = "Reference",
+    trajectories: Mapping[int, str | os.PathLike[str]] | None = None,
+    overwrite: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+) -> xarray.Dataset:
+    """The mean extension of a thermal chain against the force that pulls it, sampled by Langevin dynamics.
+
+    Bead 0 is held and the last bead pulled by a constant force; the extension is the end-to-end vector along it.
+
+    Parameters
+    ----------
+    chain : WormlikeChain or Filament
+        A `Filament` is sampled exactly as it is. A `WormlikeChain` is cut into segments for each force: as few, with
+        bonds as soft, as the wanted error against the continuous chain allows.
+    forces : Quantity
+        Positive, one number or (M,).
+    temperature : Quantity
+    relative_error : float or sequence of float
+        In (0, 1), for all forces or one each. It bounds `|bias| + 2 standard errors` of the extension, relative to it.
+    seed : int
+        Of starts and noise. On Reference the same seed gives the same numbers whatever the number of processes.
+    dimension : int
+        3, or 2 for chains confined to a plane (a `Filament` alone).
+    processes : int, optional
+        Worker processes; by default one for each core that this process may use.
+    platform : str
+        Reference, by default: for chains of this size one process a core beats every platform's own threads.
+    trajectories : mapping of int to path, optional
+        Indices into `forces`, and the DCD to write the samples of the first replica to, with its PDB and sidecar.
+    overwrite : bool
+        Whether trajectories that exist may be replaced.
+    progress : callable, optional
+        Called with a `Progress` as blocks end.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over the coordinate `force` (pN): `extension`, `extension_error` (one standard error), both nm; `bias` (nm, exact
+        discrete minus exact continuous chain; NaN for a `Filament`); `effective_samples`; `r_hat`; `segments`;
+        `bond_length`; `time_step` (ps), `friction` (1/ps), `steps` (of each of the chains); `finished`. Units stand in
+        the attributes of each variable; versions, platform and seed in those of the dataset. After Ctrl-C it holds
+        what was done until then, and its attribute `interrupted` is 1.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For arguments that are wrong, before anything runs.
+    DivergedError
+        If a coordinate is not finite.
+    """
+    values = check.positive("forces", np.atleast_1d(units.numbers("forces", forces, "force"))) / PN
+    check.shape("forces", values, (None,))
+    if not len(values):
+        raise ValueError("Argument `forces` must hold at least one force, but is empty.")
+    kelvin = check.positive("temperature", units.number("temperature", temperature, "temperature")).item()
+    wanted = check.within("relative_error", relative_error, 0, 1, open_ends=True)
+    if wanted.ndim:
+        check.shape("relative_error", wanted, (len(values),))
+    wanted = np.broadcast_to(wanted, values.shape)
+    check.integer("seed", seed, low=0)
+    check.one_of("dimension", dimension, (2, 3))
+    names = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
+    check.one_of("platform", platform, names)
+    workers = _workers(processes)
+    paths = {check.integer("trajectories", i, low=0, high=len(values) - 1): p for i, p in (trajectories or {}).items()}
+
+    points = _points(chain, values, kelvin, wanted, seed, dimension, platform, paths, overwrite)
+    interrupted = _sample(points, workers, progress)
+    for point in points:
+        if point.writer is not None:
+            point.writer.close()
+    return _dataset(points, chain, kelvin, seed, dimension, platform, interrupted)
+
+
+def _workers(processes: int | None) -> int:
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if processes is None:
+        return available
+    asked = check.integer("processes", processes, low=1)
+    if asked > available:
+        warnings.warn(
+            f"Argument `processes` is {asked}, but this process may use {available} cores: running {available}.", stacklevel=3
+        )
+    return min(asked, available)
+
+
+def _points(
+    chain: WormlikeChain | Filament, forces: Array, kelvin: float, wanted: Array, seed: int, dimension: int,
+    platform: str, paths: Mapping[int, str | os.PathLike[str]], overwrite: bool,
+) -> list[_Point]:  # fmt: skip
+    temperature = kelvin * unit.kelvin
+    if isinstance(chain, WormlikeChain):
+        if dimension != 3:
+            raise ValueError("Argument `dimension` must be 3 for a WormlikeChain, but is 2: pass a Filament.")
+        plans = choose(chain, forces, temperature, wanted)
+    elif isinstance(chain, Filament):
+        if chain.closed or len(chain) < 2:
+            raise ValueError("Argument `chain` must be an open filament of two beads or more to be pulled.")
+        plans = [(chain, 0.0)] * len(forces)
+    else:
+        raise TypeError(f"Argument `chain` must be a WormlikeChain or a Filament, but is {chain!r}.")
+    seeds = np.random.SeedSequence(seed).spawn(len(forces))
+    points = []
+    for i, ((filament, bias), force) in enumerate(zip(plans, forces, strict=True)):
+        model = clamped_model(filament, force * PN, dimension, 1)
+        integrator: Any = langevin(model, temperature)
+        rate = slow_frequency(model, kelvin / model.scale.factor("temperature"))
+        dt = integrator.getStepSize().value_in_unit(unit.picosecond)
+        stride = max(1, round(_SAMPLE_TIME / rate / dt))
+        to_ps = model.scale.factor("time")
+        runs = [
+            _Run(
+                Block(
+                    filament=filament, force=force * PN, temperature=kelvin, dimension=dimension, replicas=_REPLICAS,
+                    seed=int(child.generate_state(1)[0]) % (2**31 - 1) + 1, timestep=dt * to_ps,
+                    friction=rate / to_ps, stride=stride, samples=0, warm_up=round(_WARM_UP_TIME / rate / dt),
+                    platform=platform, keep_frames=i in paths and group == 0,
+                ),
+                _FIRST_ROUND,
+            )
+            for group, child in enumerate(seeds[i].spawn(_GROUPS))
+        ]  # fmt: skip
+        writer = TrajectoryWriter(model, paths[i], overwrite=overwrite) if i in paths else None
+        points.append(_Point(float(force), float(wanted[i]), bias, runs, writer))
+    return points
+
+
+def _sample(points: Sequence[_Point], workers: int, progress: Callable[[Progress], None] | None) -> bool:
+    """Run all points to their errors; whether it was interrupted."""
+    begun = time.perf_counter()
+    pending: dict[Future[BlockResult], tuple[_Point, _Run]] = {}
+    with ProcessPoolExecutor(
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    ) as pool:  # fmt: skip
+
+        def submit(point: _Point, run: _Run) -> None:
+            with _main_hidden():
+                pending[pool.submit(run_block, run.next_block())] = point, run
+
+        try:
+            for point in sorted(points, key=lambda p: -p.weight):
+                for run in point.runs:
+                    submit(point, run)
+            while pending:
+                for future in wait(pending, return_when=FIRST_COMPLETED).done:
+                    point, run = pending.pop(future)
+                    _take(point, run, future.result())
+                    if run.done < run.wanted:
+                        submit(point, run)
+                    elif point.round_is_over:
+                        point.end_round()
+                        for other in point.runs if not point.finished else ():
+                            submit(point, other)
+                    if progress is not None:
+                        progress(_progress(points, point, time.perf_counter() - begun))
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for point in points:
+                if not point.finished:
+                    point.end_round()
+            return True
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return False
+
+
+def _take(point: _Point, run: _Run, result: BlockResult) -> None:
+    if point.writer is not None and result.frames is not None:
+        dt = run.block.timestep
+        for frame, extension in zip(result.frames, result.extensions[0], strict=True):
+            point.frames += 1
+            step = run.block.warm_up + point.frames * run.block.stride
+            point.writer.write(frame, step, step * dt, extension_nm=float(extension))
+    run.extensions.append(result.extensions)
+    run.block = replace(run.block, checkpoint=result.checkpoint)
+
+
+def _progress(points: Sequence[_Point], point: _Point, elapsed: float) -> Progress:
+    done = sum(p.weight * sum(run.done for run in p.runs) / len(p.runs) for p in points)
+    expected = sum(p.weight * p.expected() for p in points)
+    fraction = min(done / expected, 1.0)
+    left = elapsed * (1 - fraction) / fraction if fraction else math.nan
+    return Progress(fraction, left, point.force, point.mean, point.error, sum(p.finished for p in points))
+
+
+@contextmanager
+def _main_hidden() -> Iterator[None]:
+    """While worker processes start, so that they do not import the caller's script, which may lack a __main__ guard."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+def _dataset(
+    points: Sequence[_Point], chain: WormlikeChain | Filament, kelvin: float, seed: int, dimension: int,
+    platform: str, interrupted: bool,
+) -> xarray.Dataset:  # fmt: skip
+    import xarray
+
+    from openmm_filament import __version__
+
+    def column(values: Sequence[Any], units_: str, meaning: str) -> tuple[str, Array, dict[str, str]]:
+        return "force", np.array(values), {"units": units_, "long_name": meaning}
+
+    blocks = [point.runs[0].block for point in points]
+    continuous = isinstance(chain, WormlikeChain)
+    variables = {
+        "extension": column([p.mean for p in points], "nm", "mean extension along the force"),
+        "extension_error": column([p.error for p in points], "nm", "one standard error of the extension"),
+        "bias": column(
+            [p.mean * p.bias / (1 + p.bias) if continuous else math.nan for p in points], "nm",
+            "exact discrete minus exact continuous extension",
+        ),
+        "effective_samples": column([p.samples for p in points], "1", "effective sample size of all chains"),
+        "r_hat": column([p.r_hat for p in points], "1", "rank-normalised split R-hat"),
+        "segments": column([len(b.filament) - 1 for b in blocks], "1", "segments of the chain"),
+        "time_step": column([b.timestep for b in blocks], "ps", "time step"),
+        "friction": column([b.friction for b in blocks], "1/ps", "friction"),
+        "steps": column(
+            [b.stride * min(run.done for run in p.runs) for b, p in zip(blocks, points, strict=True)], "1",
+            "sampled steps of each chain",
+        ),
+        "finished": column([int(p.finished) for p in points], "1", "whether the wanted error was reached"),
+    }  # fmt: skip
+    return xarray.Dataset(
+        variables,
+        coords={"force": ("force", np.array([p.force for p in points]), {"units": "pN", "long_name": "pulling force"})},
+        attrs={
+            "temperature_K": kelvin,
+            "seed": seed,
+            "dimension": dimension,
+            "chains": _GROUPS * _REPLICAS,
+            "platform": platform,
+            "integrator": "LangevinMiddle",
+            "interrupted": int(interrupted),
+            "openmm_filament_version": __version__,
+            "openmm_version": mm.Platform.getOpenMMVersion(),
+            "numpy_version": np.__version__,
+            "python_version": host.python_version(),
+        },
+    )

@@ -1,0 +1,143 @@
+"""How fast a model moves: its stiffest mode, which limits the time step, and its slowest, which sets the friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from openmm import unit
+from scipy.linalg import eigvalsh_tridiagonal
+
+from openmm_filament import _checks as check
+from openmm_filament import units
+from openmm_filament.evaluation import internal_positions
+from openmm_filament.model import Model
+
+__all__ = ["highest_frequency", "slow_frequency", "stable_timestep"]
+
+Array = NDArray[np.float64]
+
+_DENSE = 24
+"""Degrees of freedom up to which the Hessian is formed whole."""
+
+_ITERATIONS, _SETTLED, _TOLERANCE = 200, 4, 5e-3
+"""At most so many Lanczos iterations, ended when the last four have raised omega_max^2 by less than 0.5 %."""
+
+
+def stable_timestep(model: Model, positions: unit.Quantity | None = None) -> unit.Quantity:
+    """The longest stable time step of Verlet, leapfrog and Langevin integration, 2/omega_max, as a physical time.
+
+    omega_max is the stiffest mode of the mass-weighted Hessian at `positions` (physical, (N, 3); by default the
+    model's own), found by Lanczos iterations with the NumPy forces. Motion far from these positions can be stiffer:
+    use a fraction of the limit. For a scaled model pass `model.to_internal(...)` of it to an OpenMM integrator.
+
+    Raises
+    ------
+    ValueError
+        If nothing in the model resists a displacement, so that there is no limit.
+    """
+    frequency = highest_frequency(model, internal_positions(model, positions))
+    return model.to_physical(2.0 / frequency, "time")
+
+
+def highest_frequency(model: Model, positions: Array) -> float:
+    """omega_max in internal units at internal positions (N, 3)."""
+    masses = model.masses
+    free = np.ones(positions.shape, dtype=bool)
+    free[model.held] = False
+    if model.planar:
+        free[:, 2] = False
+    degrees = int(free.sum())
+    if not degrees or not any(len(interaction.beads) for interaction in model.interactions):
+        raise ValueError("Argument `model` must have a free bead and a term that acts on it to have a stable time step.")
+    weights = (1 / np.sqrt(np.broadcast_to(masses[:, None], positions.shape)))[free]
+    # the displacement of a difference quotient: small against the shortest segment, large against rounding
+    reach = 1e-5 * min(float(np.linalg.norm(np.diff(positions[i.beads[:, :2]], axis=1), axis=-1).min()) for i in model.interactions)
+
+    still = _forces(model, positions)
+
+    def apply(vector: Array) -> Array:
+        moved = np.zeros_like(positions)
+        moved[free] = weights * vector
+        step = reach / np.abs(moved).max()
+        return np.asarray(weights * (still - _forces(model, positions + step * moved))[free] / step)
+
+    largest = _largest_eigenvalue(apply, degrees)
+    if not largest > 0:
+        raise ValueError("Argument `model` must resist some displacement to have a stable time step, but does not.")
+    return math.sqrt(largest)
+
+
+def _forces(model: Model, positions: Array) -> Array:
+    total = np.zeros_like(positions)
+    for interaction in model.interactions:
+        total += interaction.forces(positions)
+    return total
+
+
+def _largest_eigenvalue(apply: Callable[[Array], Array], size: int) -> float:
+    """By Lanczos iterations, which find the edge of a spectrum first; without reorthogonalisation, which it can spare."""
+    if size <= _DENSE:
+        matrix = np.stack([apply(column) for column in np.eye(size)])
+        return float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[-1])
+    vector = np.random.default_rng(0).normal(size=size)
+    vector /= np.linalg.norm(vector)
+    previous = np.zeros(size)
+    diagonal: list[float] = []
+    beside: list[float] = []
+    found: list[float] = []
+    for _ in range(_ITERATIONS):
+        image = apply(vector)
+        diagonal.append(float(vector @ image))
+        found.append(float(eigvalsh_tridiagonal(diagonal, beside)[-1]))
+        if len(found) > _SETTLED and found[-1] - found[-1 - _SETTLED] < _TOLERANCE * found[-1]:
+            break
+        image -= diagonal[-1] * vector + (beside[-1] * previous if beside else 0.0)
+        norm = float(np.linalg.norm(image))
+        if norm <= 1e-12 * abs(found[-1]):
+            break
+        beside.append(norm)
+        previous, vector = vector, image / norm
+    return found[-1]
+
+
+def slow_frequency(model: Model, temperature: float) -> float:
+    """Estimate of the slowest frequency (internal units) at an internal temperature, to tune the friction to.
+
+    The lowest mode of a chain held at one end that resists a transverse displacement of the other with
+    `3 k_B T/<R^2> + F/L`: the entropic spring of the free chain and the tension (exact for a string under tension,
+    `omega = pi/2 sqrt(F/(L M))`). The slowest filament of the model counts.
+    """
+    kt = units.BOLTZMANN * temperature
+    slowest = math.inf
+    rest = model.split(internal_positions(model))
+    masses = model.split(model.masses)
+    pulls = model.split(model.pulls)
+    for filament, x, mass, pull in zip(model.filaments, rest, masses, pulls, strict=True):
+        length = float(np.linalg.norm(np.diff(x, axis=0), axis=-1).sum())
+        if not length:
+            continue
+        bond = length / (len(x) - 1)
+        cosine = _mean_cosine(model, filament, kt)
+        squared = min(length * bond * (1 + cosine) / max(1 - cosine, 1e-12), length**2)
+        stiffness = 3 * kt / squared + float(np.linalg.norm(pull.sum(axis=0))) / length
+        slowest = min(slowest, math.pi / 2 * math.sqrt(stiffness / float(mass.sum())))
+    if math.isinf(slowest):
+        raise ValueError("Argument `model` must have a filament of two beads or more to have a slow mode.")
+    return check.positive("slow frequency", slowest).item()
+
+
+def _mean_cosine(model: Model, filament: Any, kt: float) -> float:
+    """A rough `<cos beta>` of one joint: the bending of its median stiffness about its rest angle."""
+    factor = 1.0
+    for interaction in filament.interactions():
+        if interaction.term.family == "bending" and len(interaction.beads):
+            ratio = float(np.median(interaction.parameters["alpha"])) / model.scale.energy / kt if kt else math.inf
+            thermal = 1 / math.tanh(ratio) - 1 / ratio if ratio < 300 else 1 - 1 / ratio
+            rest = float(np.median(interaction.parameters.get("beta0", np.zeros(1))))
+            return min(thermal, 1.0) * math.cos(rest)
+        factor = 0.0
+    return factor

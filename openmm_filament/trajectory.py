@@ -1,0 +1,155 @@
+"""Trajectories: DCD and PDB out, with a sidecar that holds what a DCD cannot, and mdtraj in.
+
+The DCD holds internal units (nm unless the model is scaled) in single precision; frame 0 is the state when the first
+steps are taken. The sidecar `<name>.jsonl` has a first line with the scale, loads and names of the other files, and
+one line a frame with its step and true time, written with the frame: a run that is killed leaves all three readable.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+from openmm import app, unit
+
+from openmm_filament import _checks as check
+from openmm_filament import units
+from openmm_filament.model import Model
+from openmm_filament.divergence import Watch
+
+if TYPE_CHECKING:
+    import mdtraj
+
+__all__ = ["TrajectoryReporter", "TrajectoryWriter", "load", "trajectory_reporter"]
+
+Array = NDArray[np.float64]
+
+
+class TrajectoryWriter:
+    """Frames of a model into `path` (DCD), a PDB of its topology and the sidecar.
+
+    Parameters
+    ----------
+    model : Model
+    path : path
+        Of the DCD; the sidecar stands beside it with the suffix .jsonl.
+    topology : path, optional
+        Of the PDB; by default beside the DCD with the suffix .pdb.
+    overwrite : bool
+        Whether files that exist may be replaced; otherwise FileExistsError.
+    """
+
+    def __init__(
+        self, model: Model, path: str | os.PathLike[str], *, topology: str | os.PathLike[str] | None = None,
+        overwrite: bool = False,
+    ) -> None:  # fmt: skip
+        self._model = model
+        self.path = Path(path)
+        if self.path.suffix != ".dcd":
+            raise check.fail("path", "end in .dcd", str(path))
+        pdb = self.path.with_suffix(".pdb") if topology is None else Path(topology)
+        sidecar = self.path.with_suffix(".jsonl")
+        for file in (self.path, pdb, sidecar):
+            if file.exists() and not overwrite:
+                raise FileExistsError(f"Argument `path` must not name an existing trajectory, but {file} exists: pass overwrite=True.")
+        with pdb.open("w") as out:
+            app.PDBFile.writeFile(model.topology, model.positions, out, keepIds=True)
+        self._dcd_file = self.path.open("wb")
+        self._sidecar = sidecar.open("w")
+        self._dcd = app.DCDFile(self._dcd_file, model.topology, 1.0 * unit.picosecond)
+        self._say(_header(model, os.path.relpath(pdb, self.path.parent)))
+
+    def write(self, positions: Array, step: int, time: float, **more: float) -> None:
+        """Append a frame: internal positions (N, 3), its step and internal time; `more` goes into the sidecar."""
+        self._dcd.writeModel(positions * unit.nanometer)
+        self._dcd_file.flush()
+        self._say({"step": step, "time_ps": time * self._model.scale.factor("time"), **more})
+
+    def close(self) -> None:
+        """Close the files; a closed writer takes no frames."""
+        self._dcd_file.close()
+        self._sidecar.close()
+
+    def _say(self, entry: dict[str, Any]) -> None:
+        self._sidecar.write(json.dumps(entry) + "\n")
+        self._sidecar.flush()
+
+
+def _header(model: Model, topology: str) -> dict[str, Any]:
+    scale = model.scale
+    return {
+        "topology": topology,
+        "scale": {"length_nm": scale.length, "mass_Da": scale.mass, "energy_kJ_per_mol": scale.energy},
+        "beads": [len(filament) for filament in model.filaments],
+        "loads": [
+            {
+                "held": load.held,
+                "pulls_kJ_per_mol_nm": {str(bead): force.tolist() for bead, force in load.pulls.items()},
+                "plane": load.plane,
+            }
+            for load in model.loads
+        ],
+    }
+
+
+def trajectory_reporter(
+    model: Model, path: str | os.PathLike[str], interval: int, *, overwrite: bool = False
+) -> TrajectoryReporter:
+    """A reporter for `Simulation.reporters` that writes a frame every `interval` steps, and frame 0 before the first.
+
+    A coordinate that is not finite stops the run with `DivergedError` before it is written.
+    """
+    return TrajectoryReporter(model, path, interval, overwrite=overwrite)
+
+
+class TrajectoryReporter(Watch):
+    """The reporter behind `trajectory_reporter`."""
+
+    def __init__(self, model: Model, path: str | os.PathLike[str], interval: int, *, overwrite: bool = False) -> None:
+        super().__init__(model, interval)
+        self._writer = TrajectoryWriter(model, path, overwrite=overwrite)
+
+    def look(self, simulation: app.Simulation, state: mm.State) -> Array:
+        """Write the frame of this state after checking it."""
+        positions = super().look(simulation, state)
+        self._writer.write(positions, simulation.currentStep, state.getTime().value_in_unit(unit.picosecond))
+        return positions
+
+    def close(self) -> None:
+        """Close the files; frames are complete on disk even without it."""
+        self._writer.close()
+
+    def __del__(self) -> None:
+        if hasattr(self, "_writer"):
+            self._writer.close()
+
+
+def load(path: str | os.PathLike[str]) -> mdtraj.Trajectory:
+    """The trajectory at `path` (the DCD) as an `mdtraj.Trajectory` with true times in ps and physical lengths in nm.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the DCD or its sidecar is missing.
+    ValueError
+        If the sidecar holds fewer times than the DCD frames.
+    """
+    import mdtraj
+
+    dcd = Path(path)
+    sidecar = dcd.with_suffix(".jsonl")
+    for file in (dcd, sidecar):
+        if not file.exists():
+            raise FileNotFoundError(f"Argument `path` must name a trajectory with its sidecar, but {file} does not exist.")
+    header, *frames = (json.loads(line) for line in sidecar.read_text().splitlines())
+    trajectory = mdtraj.load_dcd(str(dcd), top=str(dcd.parent / header["topology"]))
+    if len(frames) < trajectory.n_frames:
+        raise ValueError(f"Argument `path` must have a time for each of {trajectory.n_frames} frames, but has {len(frames)}.")
+    trajectory.xyz *= header["scale"]["length_nm"]
+    trajectory.time = np.array([frame["time_ps"] for frame in frames[: trajectory.n_frames]])
+    return trajectory

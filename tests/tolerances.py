@@ -1,0 +1,33 @@
+"""Every tolerance of the tests, with what was measured beside it (double precision, OpenMM 8.6.1, Reference)."""
+
+OPENMM_FORCES = 1e-10
+"""OpenMM against NumPy forces, largest error over largest force of a chain. Measured on 1000 random chains a term:
+at most 6e-14 where no bend is small; 1e-12 in one chain whose smallest bend is a few mrad (OpenMM's acos)."""
+OPENMM_ENERGIES = 1e-10
+"""The same for energies, relative to the sum of their magnitudes over the chains. Measured: at most 5e-15."""
+MILLIRADIAN = 1e-8
+"""The same for forces where every bend is 1 mrad: acos there keeps ten digits. Measured: 1.1e-10."""
+CENTRAL_DIFFERENCE = 5e-8
+"""Forces against fourth-order differences with a step of 1e-4 nm. Measured: 2e-10 or less but for one chain of 4.5e-9,
+whose nearly straight beads make the fifth derivative of a dihedral large."""
+NET = 1e-13
+"""Net force over the sum of the magnitudes, and net torque likewise with a lever. Measured: at most 9e-16."""
+MOVED = 5e-12
+"""Energies and forces of a rotated and shifted chain. Measured: 1.4e-13 (the shift rounds the coordinates)."""
+AT_REST = 1e-13
+"""Energy and force of a chain at rest over those at random positions. Measured: at most 9e-15 (OpenMM's acos)."""
+HIGH_PRECISION = 1e-9
+"""NumPy forces against 50 digits. Measured: 6e-11 at a bend of 1e-6 rad (segments are differences of doubles), falling
+in proportion to the bend; 3e-14 at pi - 1e-3."""
+THESIS = 1e-10
+"""Our forces against the thesis's term by term, for bends and torsions at least 0.1 from 0 and pi. Measured: 4e-15."""
+CONSTANT = 1e-9
+"""Constants of nature against scipy, whose release may hold CODATA 2018 or 2022: eps0 differs by 7e-10."""
+ROUNDING = 1e-12
+"""A handful of floating-point operations. Measured: at most 2.1e-14 (the bends of a ring of 60)."""
+ANGLE = 1e-10
+"""Angles built into a chain and measured again, in rad, 1e-3 from 0 and pi or more. Measured: 1.5e-13 (dihedrals)."""
+IMPORT_SECONDS = 0.15
+"""What `import openmm_filament` may cost beyond `import openmm` (0.2 to 0.4 s). Measured: 0.00 s (it is lazy)."""
+IMPORT_OF_BUILD = 2.0
+"""All that `build` needs, openmm and openmm.app among it, over `import openmm`. Measured: 1.3 to 1.5."""
