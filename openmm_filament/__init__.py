@@ -17,7 +17,6 @@ _NAMES = {
     "build": "model",
     "energies": "evaluation",
     "euler_cromer": "integrators",
-    "extension_of": "sampling",
     "fastest_platform": "platforms",
     "force_extension": "sampling",
     "forces": "evaluation",

@@ -36,7 +36,7 @@ _BOND_SPREAD = 0.1
 _ENOUGH = 0.6
 """Part of the wanted error that the known bias may take, where samples are few it costs nothing to let it."""
 
-FEWEST_SAMPLES = 60
+FEWEST_SAMPLES = 48
 """Effective samples that are taken at any force, however small its fluctuations: fewer would not support an error bar."""
 
 

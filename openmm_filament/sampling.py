@@ -32,7 +32,7 @@ from openmm_filament import units
 from openmm_filament.blocks import Block, BlockResult, clamped_model, run_block
 from openmm_filament.discretisation import FEWEST_SAMPLES, PN, choose
 from openmm_filament.filament import Filament
-from openmm_filament.integrators import langevin
+from openmm_filament.integrators import FRICTION, langevin
 from openmm_filament.rods import WormlikeChain
 from openmm_filament.timestep import slow_frequency
 from openmm_filament.trajectory import TrajectoryWriter
@@ -50,7 +50,7 @@ _GROUPS = 4
 _REPLICAS = 2
 """Chains in the System of each run."""
 
-_SAMPLE_TIME, _WARM_UP_TIME, _FIRST_ROUND = 0.2, 3.0, 40
+_SAMPLE_TIME, _WARM_UP_TIME, _FIRST_ROUND = 0.2, 2.0, 32
 """Between samples, and before the first: times over 1/omega of the slowest mode; samples a chain in the first round."""
 
 _GROWTH = 3.0
@@ -288,7 +288,7 @@ def _points(
                 Block(
                     filament=filament, force=force * PN, temperature=kelvin, dimension=dimension, replicas=_REPLICAS,
                     seed=int(child.generate_state(1)[0]) % (2**31 - 1) + 1, timestep=dt * to_ps,
-                    friction=rate / to_ps, stride=stride, samples=0, warm_up=round(_WARM_UP_TIME / rate / dt),
+                    friction=FRICTION * rate / to_ps, stride=stride, samples=0, warm_up=round(_WARM_UP_TIME / rate / dt),
                     platform=platform, keep_frames=i in paths and group == 0,
                 ),
                 _FIRST_ROUND,

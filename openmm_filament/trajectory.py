@@ -37,22 +37,18 @@ class TrajectoryWriter:
     ----------
     model : Model
     path : path
-        Of the DCD; the sidecar stands beside it with the suffix .jsonl.
-    topology : path, optional
-        Of the PDB; by default beside the DCD with the suffix .pdb.
+        Of the DCD. The sidecar stands beside it with the suffix .jsonl, and the PDB with the suffix .pdb, "topology"
+        standing for "trajectory" in its name.
     overwrite : bool
         Whether files that exist may be replaced; otherwise FileExistsError.
     """
 
-    def __init__(
-        self, model: Model, path: str | os.PathLike[str], *, topology: str | os.PathLike[str] | None = None,
-        overwrite: bool = False,
-    ) -> None:  # fmt: skip
+    def __init__(self, model: Model, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         self._model = model
         self.path = Path(path)
         if self.path.suffix != ".dcd":
             raise check.fail("path", "end in .dcd", str(path))
-        pdb = self.path.with_suffix(".pdb") if topology is None else Path(topology)
+        pdb = self.path.with_name(self.path.stem.replace("trajectory", "topology") + ".pdb")
         sidecar = self.path.with_suffix(".jsonl")
         for file in (self.path, pdb, sidecar):
             if file.exists() and not overwrite:

@@ -1,0 +1,116 @@
+"""What every system hands to the runner: its results on disk, its checks, and what it found."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from openmm_filament import Model
+
+__all__ = ["Check", "OutputError", "Summary", "fresh_folder"]
+
+
+class OutputError(ValueError):
+    """An output folder that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A number that was computed, held against the one that is expected.
+
+    `kind` is "exact" for an exact answer (a failure makes the run fail), "thesis" for a figure of the thesis and "claim"
+    for one of its statements (a failure is a finding).
+    """
+
+    name: str
+    kind: Literal["exact", "thesis", "claim"]
+    value: float
+    expected: float
+    error: float
+    tolerance: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is within the tolerance; a NaN is not."""
+        return self.error <= self.tolerance
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The contents of `summary.json`; see `write`."""
+
+    system: str
+    models: Sequence[Model]
+    platform: str
+    wall_seconds: float
+    filament: dict[str, Any]
+    checks: Sequence[Check]
+    findings: Sequence[str] = field(default_factory=tuple)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every exact check passed."""
+        return all(check.passed for check in self.checks if check.kind == "exact")
+
+    def write(self, folder: Path) -> None:
+        """Write `summary.json`; "terms" are the OpenMM force classes that the Systems were found to hold."""
+        terms = {type(force).__name__ for model in self.models for force in model.system.getForces()}
+        content = {
+            "system": self.system,
+            "terms": sorted(terms),
+            "platform": self.platform,
+            "wall_seconds": round(self.wall_seconds, 3),
+            "filament": self.filament,
+            "checks": [{**asdict(check), "passed": check.passed} for check in self.checks],
+            "findings": list(self.findings),
+        }
+        (folder / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=True) + "\n")
+
+
+@contextmanager
+def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Path]:
+    """A folder to write results into, which takes the place of `output` when they are complete.
+
+    Raises
+    ------
+    OutputError
+        If `output` holds anything and is not to be overwritten, is a file, or cannot be written.
+    """
+    if output.exists() and not output.is_dir():
+        raise OutputError(f"Argument `--output` must be a folder, but {output} is a file.")
+    if output.is_dir() and any(output.iterdir()) and not overwrite:
+        raise OutputError(f"Argument `--output` must be empty or new, but {output} holds results: pass --overwrite to replace them.")
+    if output.is_dir() and any(output.iterdir()) and not (output / "summary.json").exists():
+        raise OutputError(f"Argument `--output` must hold nothing but results, but {output} has no summary.json: it is left alone.")
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
+    except OSError as error:
+        raise OutputError(f"Argument `--output` must be a folder that can be written, but {output} cannot: {error}.") from error
+    try:
+        draft.chmod(0o755)
+        yield draft
+        _replace(output, draft)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _replace(output: Path, draft: Path) -> None:
+    """Put `draft` in the place of `output`, the old results being moved aside until the new ones stand."""
+    if not output.exists():
+        draft.rename(output)
+        return
+    aside = Path(tempfile.mkdtemp(prefix=f".{output.name}-old-", dir=output.parent)) / output.name
+    output.rename(aside)
+    try:
+        draft.rename(output)
+    except OSError:
+        aside.rename(output)
+        raise
+    shutil.rmtree(aside.parent)
