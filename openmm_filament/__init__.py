@@ -6,10 +6,55 @@ Names are loaded when first used, so that `openmm_filament.wlc` needs neither op
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:
+    from openmm_filament import bending, electrostatics, loads, reference, shapes, stretching, torsion, units, wlc
+    from openmm_filament.divergence import watch
+    from openmm_filament.evaluation import energies, forces
+    from openmm_filament.filament import Filament
+    from openmm_filament.inspection import preflight
+    from openmm_filament.integrators import euler_cromer, langevin, verlet
+    from openmm_filament.model import Model, build
+    from openmm_filament.platforms import fastest_platform, platform_properties
+    from openmm_filament.rods import Match, WormlikeChain, rod_terms
+    from openmm_filament.sampling import force_extension
+    from openmm_filament.timestep import stable_timestep
+    from openmm_filament.trajectory import load, trajectory_reporter
+
 __version__ = "0.1.0"
 
-_MODULES = ("bending", "electrostatics", "loads", "reference", "shapes", "stretching", "torsion", "units", "wlc")
-_NAMES = {
+__all__ = [
+    "Filament",
+    "Match",
+    "Model",
+    "WormlikeChain",
+    "__version__",
+    "bending",
+    "build",
+    "electrostatics",
+    "energies",
+    "euler_cromer",
+    "fastest_platform",
+    "force_extension",
+    "forces",
+    "langevin",
+    "load",
+    "loads",
+    "platform_properties",
+    "preflight",
+    "reference",
+    "rod_terms",
+    "shapes",
+    "stable_timestep",
+    "stretching",
+    "torsion",
+    "trajectory_reporter",
+    "units",
+    "verlet",
+    "watch",
+    "wlc",
+]
+
+_HOME = {
     "Filament": "filament",
     "Match": "rods",
     "Model": "model",
@@ -30,18 +75,17 @@ _NAMES = {
     "verlet": "integrators",
     "watch": "divergence",
 }
-
-__all__ = ["__version__", *_MODULES, *_NAMES]
+"""The module of each name that is not itself a module."""
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return import_module(f"{__name__}.{name}")
-    if name in _NAMES:
-        value = getattr(import_module(f"{__name__}.{_NAMES[name]}"), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = import_module(f"{__name__}.{_HOME.get(name, name)}")
+    if name not in _HOME:
+        return module
+    globals()[name] = getattr(module, name)
+    return globals()[name]
 
 
 def __dir__() -> list[str]:

@@ -79,7 +79,9 @@ def within(
 def shape(name: str, value: NDArray[np.float64], wanted: tuple[int | None, ...]) -> NDArray[np.float64]:
     """An array of shape `wanted`, where None stands for any length."""
     if value.ndim != len(wanted) or any(w is not None and w != n for w, n in zip(wanted, value.shape, strict=True)):
-        pattern = "(" + ", ".join("n" if w is None else str(w) for w in wanted) + ("," if len(wanted) == 1 else "") + ")"
+        pattern = (
+            "(" + ", ".join("n" if w is None else str(w) for w in wanted) + ("," if len(wanted) == 1 else "") + ")"
+        )
         raise ValueError(f"Argument `{name}` must have shape {pattern}, but has shape {value.shape}.")
     return value
 

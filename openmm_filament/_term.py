@@ -88,8 +88,8 @@ class Interaction:
         """Forces (N, 3) on all beads."""
         gradient = self.term.gradient(positions[self.beads], self.parameters)
         flat = self.beads.ravel()
-        columns = [np.bincount(flat, gradient[..., k].ravel(), len(positions)) for k in range(3)]
-        return -np.stack(columns, axis=-1)
+        columns = [np.bincount(flat, -gradient[..., k].ravel(), len(positions)) for k in range(3)]
+        return np.stack(columns, axis=-1).astype(np.float64, copy=False)
 
     def scaled(self, scale: units.Scale) -> Interaction:
         """The same interaction in the internal units of `scale`."""

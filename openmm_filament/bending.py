@@ -54,7 +54,7 @@ class Harmonic(Term):
     family = "bending"
     span = 3
     expression = "0.5*alpha*(theta-theta0)^2; theta0=3.141592653589793-beta0"
-    dimensions = {"alpha": "energy", "beta0": "angle"}  # noqa: RUF012
+    dimensions = {"alpha": "energy", "beta0": "angle"}
 
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
         alpha = per_element("stiffness", self.stiffness, "energy", rest, 3, closed, check.positive)
@@ -101,7 +101,7 @@ class Cosine(Term):
     family = "bending"
     span = 3
     expression = "alpha*cos(theta)"
-    dimensions = {"alpha": "energy"}  # noqa: RUF012
+    dimensions = {"alpha": "energy"}
 
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
         return {"alpha": per_element("stiffness", self.stiffness, "energy", rest, 3, closed, check.positive)}

@@ -56,7 +56,8 @@ class Block:
 @dataclass(frozen=True, eq=False)
 class BlockResult:
     """Extensions (replicas, samples) in nm, replica 0's frames (samples, N, 3) in internal units or None, the
-    checkpoint to go on from, and the wall time spent in seconds."""
+    checkpoint to go on from, and the wall time spent in seconds.
+    """
 
     extensions: Array
     frames: NDArray[np.float32] | None
@@ -90,9 +91,12 @@ def run_block(block: Block) -> BlockResult:
     model = clamped_model(block.filament, block.force, block.dimension, block.replicas)
     temperature = block.temperature * unit.kelvin
     integrator = langevin(
-        model, temperature, timestep=block.timestep * unit.picosecond, friction=block.friction / unit.picosecond,
+        model,
+        temperature,
+        timestep=block.timestep * unit.picosecond,
+        friction=block.friction / unit.picosecond,
         seed=block.seed,
-    )  # fmt: skip
+    )
     platform = mm.Platform.getPlatformByName(block.platform)
     context = mm.Context(model.system, integrator, platform, platform_properties(model, platform, temperature))
     if block.checkpoint is None:
@@ -115,9 +119,7 @@ def run_block(block: Block) -> BlockResult:
             frames[sample] = chains[0]
         if not np.isfinite(extensions[:, sample]).all():
             raise diagnose(model, context, positions, (sample + 1) * block.stride, good)
-    return BlockResult(
-        extensions * model.scale.length, frames, context.createCheckpoint(), time.perf_counter() - begun
-    )
+    return BlockResult(extensions * model.scale.length, frames, context.createCheckpoint(), time.perf_counter() - begun)
 
 
 def _positions(state: mm.State) -> Array:
@@ -126,8 +128,6 @@ def _positions(state: mm.State) -> Array:
 
 def _begin(block: Block, model: Model, context: mm.Context) -> None:
     rng = np.random.default_rng(block.seed)
-    starts = equilibrium_starts(
-        block.filament, block.force, block.temperature, block.replicas, rng, block.dimension
-    )  # fmt: skip
+    starts = equilibrium_starts(block.filament, block.force, block.temperature, block.replicas, rng, block.dimension)
     context.setPositions(starts.reshape(-1, 3) / model.scale.length)
     context.setVelocitiesToTemperature(block.temperature / model.scale.factor("temperature"), block.seed)

@@ -26,15 +26,15 @@ _LADDER = (16, 24, 40, 64, 112, 200, 360, 640, 1140)
 """Segments of a chain of 19 persistence lengths (for others in proportion) at which the discretisation error is
 computed, as far as the wanted error asks; between them it is interpolated."""
 
-_SOFTER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
-"""Bond stiffness over S/b that may be run: bonds are by far the stiffest modes, and at small forces their stretch does
-not count."""
+_SOFTER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
+"""Bond stiffness over S/b that may be run: bonds are by far the stiffest modes. Softer ones are given a rest length at
+which their mean length under the force is that of the chain with its own S."""
 
-_BOND_SPREAD = 0.1
-"""Largest thermal fluctuation of a bond relative to its length."""
+_BOND_SPREAD, _BOND_STRAIN = 0.1, 0.1
+"""Largest thermal fluctuation of a softer bond relative to its length, and largest strain by the force."""
 
-_ENOUGH = 0.6
-"""Part of the wanted error that the known bias may take, where samples are few it costs nothing to let it."""
+_ENOUGH, _MOST = 0.6, 0.7
+"""Parts of the wanted error that the bias may take, as estimated and as computed exactly for the chain that is run."""
 
 FEWEST_SAMPLES = 48
 """Effective samples that are taken at any force, however small its fluctuations: fewer would not support an error bar."""
@@ -55,10 +55,16 @@ class ExactChain:
     def extension(self, force: Any, dimension: int = 3) -> Any:
         """Exact mean extension in nm at a force, or an array of them, in pN; free ends, joints free to flip in 2D."""
         return wlc.extension_discrete(
-            force, segments=self.segments, bond_length=self.bond_length, bending=self.bending, kT=self.kT,
-            stretching=self.stretching, bending_form=self.bending_form, rest_angles=self.rest_angles,  # type: ignore[arg-type]
+            force,
+            segments=self.segments,
+            bond_length=self.bond_length,
+            bending=self.bending,
+            kT=self.kT,
+            stretching=self.stretching,
+            bending_form=self.bending_form,
+            rest_angles=self.rest_angles,  # type: ignore[arg-type]
             dimension=dimension,
-        )  # fmt: skip
+        )
 
 
 def exact_chain(filament: Filament, temperature: unit.Quantity) -> ExactChain | None:
@@ -118,31 +124,43 @@ def choose(
     length, lp = (units.number("chain", q, "length") for q in (chain.contour_length, chain.persistence_length))
     kt = units.BOLTZMANN * units.number("temperature", temperature, "temperature") / PN
     modulus = None if chain.stretch_modulus is None else units.number("chain", chain.stretch_modulus, "force") / PN
-    continuous = wlc.extension_exact(forces, lp, length, kt, stretch_modulus=modulus, finite=True)
-    fluctuation = _fluctuation(forces, continuous, lambda f: wlc.extension_exact(
-        f, lp, length, kt, stretch_modulus=modulus, finite=True), kt)  # fmt: skip
+
+    def exact(force: Array) -> Array:
+        return np.asarray(wlc.extension_exact(force, lp, length, kt, stretch_modulus=modulus, finite=True))
+
+    continuous = exact(forces)
+    fluctuation = _fluctuation(forces, continuous, exact, kt)
     ladder, biases = _survey(chain, temperature, forces, continuous, relative_error, length / lp)
+    spread = _direction_variance(np.minimum(continuous / length, 0.999))
     counts = np.unique(np.round(np.geomspace(ladder[0], ladder[-1], 60)).astype(int))
     b = length / counts
     plans = []
     for column, (force, wanted) in enumerate(zip(forces, relative_error, strict=True)):
         at = np.exp(np.interp(np.log(counts), np.log(ladder), np.log(np.abs(biases[:, column]) + 1e-12)))
-        best = (math.inf, 0, 1.0)
+        candidates = []
         for soft in _SOFTER if modulus is not None else (1.0,):
             run = soft * (modulus if modulus is not None else INEXTENSIBLE * kt * lp / length**2)
-            bias = at if modulus is None else at + force * (1 / run - 1 / modulus)
+            softer = 0.0 if modulus is None else force * spread[column] * (1 / run - 1 / modulus)
+            bias = at + softer
             samples = (fluctuation[column] / (np.maximum(wanted - bias, 1e-9) / 2)) ** 2
             cost = np.maximum(samples, FEWEST_SAMPLES) * counts**2 * np.sqrt(4 * run + 16 * kt * lp / b**2)
-            cost[(bias >= _ENOUGH * wanted) | ((np.sqrt(kt / (run * b)) > _BOND_SPREAD) & (soft < 1))] = math.inf
+            too_soft = (np.sqrt(kt / (run * b)) > _BOND_SPREAD) | (force > _BOND_STRAIN * run)
+            cost[(bias >= _ENOUGH * wanted) | (too_soft & (soft < 1))] = math.inf
             i = int(np.argmin(cost))
-            best = min(best, (float(cost[i]), int(counts[i]), soft))
-        if math.isinf(best[0]):
+            if cost[i] < math.inf:
+                candidates.append((float(cost[i]), int(counts[i]), soft))
+        tension = force * continuous[column] / length
+        for _, count, soft in sorted(candidates):
+            filament = _filament(chain, count, temperature, soft, tension)
+            bias = float(_bias_of(filament, temperature, force, continuous[column]))
+            if abs(bias) < _MOST * wanted:
+                plans.append((filament, bias))
+                break
+        else:
             raise ValueError(
                 f"Argument `relative_error` must be well above the discretisation error of {ladder[-1]} segments, "
                 f"{np.abs(biases[-1, column]):.3g} at {force:.6g} pN, but is {wanted:.6g}."
             )
-        filament = _filament(chain, best[1], temperature, best[2])
-        plans.append((filament, float(_bias_of(filament, temperature, force, continuous[column]))))
     return plans
 
 
@@ -154,7 +172,7 @@ def _survey(
     rows: list[Array] = []
     for count in dict.fromkeys(max(round(n * lengths / 19), 4) for n in _LADDER):
         try:
-            rows.append(_bias_of(_filament(chain, count, temperature, 1.0), temperature, forces, continuous))
+            rows.append(_bias_of(_filament(chain, count, temperature), temperature, forces, continuous))
         except ValueError:  # segments too long for this chain's end-to-end distance
             continue
         ladder.append(count)
@@ -169,9 +187,25 @@ def _fluctuation(forces: Array, extension: Array, exact: Callable[[Array], Array
     return np.asarray(np.sqrt(kt * slope) / extension)
 
 
-def _filament(chain: WormlikeChain, segments: int, temperature: unit.Quantity, soft: float) -> Filament:
-    modulus = None if chain.stretch_modulus is None else soft * chain.stretch_modulus
-    return chain.filament(segments, temperature, match=Match.END_TO_END, stretch_modulus=modulus)
+def _direction_variance(mean: Array) -> Array:
+    """Variance of cos(theta) about the force for its mean, as in a von Mises-Fisher distribution."""
+    concentration = mean * (3 - mean**2) / (1 - mean**2)
+    return np.asarray(1 - 2 * mean / concentration - mean**2)
+
+
+def _filament(
+    chain: WormlikeChain, segments: int, temperature: unit.Quantity, soft: float = 1.0, tension: float = 0.0
+) -> Filament:
+    """The chain in so many segments, with bonds softer by a factor under a tension in pN."""
+    if soft == 1.0 or chain.stretch_modulus is None:
+        return chain.filament(segments, temperature, match=Match.END_TO_END)
+    return chain.filament(
+        segments,
+        temperature,
+        match=Match.END_TO_END,
+        stretch_modulus=soft * chain.stretch_modulus,
+        tension=tension * unit.piconewton,
+    )
 
 
 def _bias_of(filament: Filament, temperature: unit.Quantity, force: Any, continuous: Any) -> Any:

@@ -12,8 +12,8 @@ from openmm import app, unit
 from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.geometry import bending_angles, dihedrals
-from openmm_filament.model import Model
 from openmm_filament.inspection import describe_bead
+from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
 __all__ = ["DivergedError", "Watch", "watch"]
@@ -96,8 +96,11 @@ def diagnose(
         nothing = model.to_physical(np.full(bad.shape, np.nan), "length")
         return DivergedError(
             f"{describe_bead(model, first).capitalize()} is not finite at step {step}, the first that was looked at.",
-            first, "unknown", step, nothing,
-        )  # fmt: skip
+            first,
+            "unknown",
+            step,
+            nothing,
+        )
     kept, velocities, since = good
     limit = 2.0 / highest_frequency(model, kept)
     before, at = _replay(model, context, kept, velocities, since, step)

@@ -35,7 +35,7 @@ class Neighbour(Term):
     family = "electrostatics"
     span = 2
     expression = "q/r"
-    dimensions = {"q": "energy_length"}  # noqa: RUF012
+    dimensions = {"q": "energy_length"}
 
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
         charges = check.finite("charges", units.numbers("charges", self.charges, "charge"))

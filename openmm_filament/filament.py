@@ -81,13 +81,19 @@ class Filament:
     def _checked_terms(self, beads: int) -> tuple[Term, ...]:
         terms = self.terms
         if isinstance(terms, Term):
-            raise TypeError(f"Argument `terms` must be a tuple of terms, but is one {_name(terms)}: write ({_name(terms)}(...),).")
+            raise TypeError(
+                f"Argument `terms` must be a tuple of terms, but is one {_name(terms)}: write ({_name(terms)}(...),)."
+            )
         for term in (terms := tuple(terms)):
             if not isinstance(term, Term):
-                raise TypeError(f"Argument `terms` must hold terms such as stretching.Harmonic(...), but holds {term!r}.")
+                raise TypeError(
+                    f"Argument `terms` must hold terms such as stretching.Harmonic(...), but holds {term!r}."
+                )
             needed = 3 if self.closed and term.span == 2 else term.span
             if beads < needed:
-                raise ValueError(f"Argument `rest` must have at least {needed} beads for {_name(term)}, but has {beads}.")
+                raise ValueError(
+                    f"Argument `rest` must have at least {needed} beads for {_name(term)}, but has {beads}."
+                )
         if beads < 1:
             raise ValueError("Argument `rest` must have at least one bead, but has 0.")
         return terms

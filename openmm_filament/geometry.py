@@ -27,7 +27,8 @@ def chain_indices(beads: int, span: int, closed: bool = False) -> NDArray[np.int
 
 def dot(a: Array, b: Array) -> Array:
     """Scalar products along the last axis: (..., 3), (..., 3) -> (...)."""
-    return np.einsum("...i,...i->...", a, b)
+    product: Array = np.einsum("...i,...i->...", a, b)
+    return product
 
 
 def cross(a: Array, b: Array) -> Array:

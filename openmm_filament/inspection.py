@@ -114,7 +114,9 @@ def describe_bead(model: Model, bead: int) -> str:
 def _context_positions(model: Model, context: mm.Context) -> Array:
     size = context.getSystem().getNumParticles()
     if size != model.starts[-1]:
-        raise PreflightError(f"Argument `context` must be of the model's System with {model.starts[-1]} beads, but has {size}.")
+        raise PreflightError(
+            f"Argument `context` must be of the model's System with {model.starts[-1]} beads, but has {size}."
+        )
     return units.numbers("positions", context.getState(positions=True).getPositions(asNumpy=True), "length")
 
 
@@ -164,7 +166,9 @@ def _check_integrator(model: Model, integrator: Any, limit: float) -> float:
         )
     if not model.scale.is_identity and 0 < step < _MUCH_TOO_SHORT * limit:
         warnings.warn(
-            f"The time step is {step / limit:.2g} of the stability limit{_scaled_hint(model)}.", PreflightWarning, stacklevel=3
+            f"The time step is {step / limit:.2g} of the stability limit{_scaled_hint(model)}.",
+            PreflightWarning,
+            stacklevel=3,
         )
     temperature = getattr(integrator, "getTemperature", None)
     stretching = [i for i in model.interactions if i.term.family == "stretching" and len(i.beads)]

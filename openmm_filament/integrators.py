@@ -61,7 +61,11 @@ def langevin(
     kelvin = check.positive("temperature", units.number("temperature", temperature, "temperature")).item()
     internal = kelvin / model.scale.factor("temperature")
     dt = _step(model, timestep, _langevin_fraction(model, units.BOLTZMANN * internal))
-    rate = slow_frequency(model, internal) * FRICTION if friction is None else _internal(model, "friction", friction, "rate")
+    rate = (
+        slow_frequency(model, internal) * FRICTION
+        if friction is None
+        else _internal(model, "friction", friction, "rate")
+    )
     if model.planar:
         integrator = _planar_langevin(model, internal, rate, dt)
     else:
@@ -128,7 +132,7 @@ def _langevin_fraction(model: Model, kt: float) -> float:
 
 
 def _internal(model: Model, name: str, value: unit.Quantity, dimension: str) -> float:
-    return check.positive(name, units.number(name, value, dimension)).item() / model.scale.factor(dimension)
+    return float(check.positive(name, units.number(name, value, dimension))) / model.scale.factor(dimension)
 
 
 def _step(model: Model, timestep: unit.Quantity | None, fraction: float) -> float:

@@ -96,7 +96,9 @@ def resolve(loads: Any, beads: int) -> Loads:
     pulls: dict[int, NDArray[np.float64]] = {}
     plane = False
     if isinstance(loads, Load):
-        raise TypeError(f"Argument `loads` must be a sequence of loads, but is one {type(loads).__name__}: write [{type(loads).__name__}(...)].")
+        raise TypeError(
+            f"Argument `loads` must be a sequence of loads, but is one {type(loads).__name__}: write [{type(loads).__name__}(...)]."
+        )
     for load in loads:
         match load:
             case Hold():

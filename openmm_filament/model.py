@@ -19,7 +19,7 @@ from openmm import app, unit
 
 from openmm_filament import _checks as check
 from openmm_filament import units
-from openmm_filament._term import Interaction
+from openmm_filament._term import Interaction, Term
 from openmm_filament.filament import Filament
 from openmm_filament.geometry import segments
 from openmm_filament.loads import Load, Loads, resolve
@@ -149,7 +149,9 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
         )
     resolved = tuple(resolve(entry, len(chain)) for entry, chain in zip(given, chains, strict=True))
     if len(planes := {entry.plane for entry in resolved}) > 1:
-        raise ValueError("Argument `loads` must put all filaments in the plane or none, but some have Plane() and some not.")
+        raise ValueError(
+            "Argument `loads` must put all filaments in the plane or none, but some have Plane() and some not."
+        )
 
     with _collector_paused():
         bound = _bind(chains)
@@ -189,7 +191,7 @@ def _collector_paused() -> Iterator[None]:
 def _bind(chains: Sequence[Filament]) -> list[Interaction]:
     """The terms of all filaments, those of one class joined into one interaction, in nm and kJ/mol."""
     cache: dict[int, list[Interaction]] = {}
-    parts: dict[type, list[Interaction]] = {}
+    parts: dict[type[Term], list[Interaction]] = {}
     start = 0
     for chain in chains:
         if id(chain) not in cache:
@@ -211,7 +213,10 @@ def _bind(chains: Sequence[Filament]) -> list[Interaction]:
 def _choose_scale(chains: Sequence[Filament], rest: Array, bound: Sequence[Interaction]) -> units.Scale:
     """OpenMM's own units where they serve; else the shortest segment, mean bead mass and largest energy become 1."""
     lengths = np.concatenate(
-        [np.linalg.norm(segments(units.numbers("rest", c.rest, "length"), c.closed), axis=-1) for c in dict.fromkeys(chains)]
+        [
+            np.linalg.norm(segments(units.numbers("rest", c.rest, "length"), c.closed), axis=-1)
+            for c in dict.fromkeys(chains)
+        ]
     )
     if not len(lengths) or (lengths.min() >= _SHORTEST_SEGMENT and np.ptp(rest, axis=0).max() <= _LARGEST_EXTENT):
         return units.NANOMETER_SCALE

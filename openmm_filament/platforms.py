@@ -28,7 +28,7 @@ _measured: dict[tuple[Any, ...], str] = {}
 
 
 def needed_precision(model: Model, temperature: unit.Quantity | None = None) -> str:
-    """"double" or "mixed": whether the bending angles are large enough for single precision.
+    """ "double" or "mixed": whether the bending angles are large enough for single precision.
 
     Angles are judged by the rest angles and, with a temperature, by their thermal size sqrt(k_B T/alpha).
     """

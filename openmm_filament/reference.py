@@ -23,7 +23,9 @@ Array = NDArray[np.float64]
 
 
 def _positions(filament: Filament, positions: Any) -> Array:
-    return check.finite("positions", check.shape("positions", units.numbers("positions", positions, "length"), (len(filament), 3)))
+    return check.finite(
+        "positions", check.shape("positions", units.numbers("positions", positions, "length"), (len(filament), 3))
+    )
 
 
 def energies(filament: Filament, positions: Any, loads: Sequence[Load] = ()) -> dict[str, float]:
@@ -65,10 +67,14 @@ def thesis_forces(filament: Filament, positions: Any) -> dict[str, Array]:
     out: dict[str, Array] = {}
     for interaction in filament.interactions():
         formula = {
-            stretching.Harmonic: _thesis_stretching, bending.Harmonic: _thesis_bending, torsion.Harmonic: _thesis_torsion
-        }.get(interaction.term)  # fmt: skip
+            stretching.Harmonic: _thesis_stretching,
+            bending.Harmonic: _thesis_bending,
+            torsion.Harmonic: _thesis_torsion,
+        }.get(interaction.term)
         if formula is None:
-            raise ValueError(f"Argument `filament` must have harmonic terms alone, but has {interaction.term.__name__}.")
+            raise ValueError(
+                f"Argument `filament` must have harmonic terms alone, but has {interaction.term.__name__}."
+            )
         family = interaction.term.family
         out[family] = out.get(family, 0.0) + formula(x, *interaction.parameters.values())
     return out

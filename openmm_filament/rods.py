@@ -82,7 +82,11 @@ class WormlikeChain:
     line_density: unit.Quantity = field(default_factory=lambda: units.quantity(650.0 / 0.34, "line_density"))
 
     def __post_init__(self) -> None:
-        for name, dimension in (("contour_length", "length"), ("persistence_length", "length"), ("line_density", "line_density")):
+        for name, dimension in (
+            ("contour_length", "length"),
+            ("persistence_length", "length"),
+            ("line_density", "line_density"),
+        ):
             check.positive(name, units.number(name, getattr(self, name), dimension))
         if self.stretch_modulus is not None:
             check.positive("stretch_modulus", units.number("stretch_modulus", self.stretch_modulus, "force"))
@@ -94,6 +98,7 @@ class WormlikeChain:
         *,
         match: Match = Match.PERSISTENCE_LENGTH,
         stretch_modulus: unit.Quantity | None = None,
+        tension: unit.Quantity | None = None,
     ) -> Filament:
         """A discrete chain of `segments` equal segments, b = L/segments, straight along z, that stands for this one.
 
@@ -108,7 +113,11 @@ class WormlikeChain:
         temperature : Quantity
         match : Match
         stretch_modulus : Quantity, optional
-            A softer (or stiffer) S for the bonds alone, which allows a longer time step where stretch does not count.
+            A softer (or stiffer) S' for the bonds that are run, which allows a longer time step. The mean bond length
+            stays that of the chain with its own S, at the `tension`.
+        tension : Quantity, optional
+            Mean tension along the bonds, force, at which softer bonds have the right mean length `b (1 + tension/S)`;
+            by default none.
 
         Raises
         ------
@@ -116,7 +125,9 @@ class WormlikeChain:
             If no bending stiffness gives segments so long the asked property.
         """
         count = check.integer("segments", segments, low=2)
-        kt = units.BOLTZMANN * float(check.positive("temperature", units.number("temperature", temperature, "temperature")))
+        kt = units.BOLTZMANN * float(
+            check.positive("temperature", units.number("temperature", temperature, "temperature"))
+        )
         length = units.number("contour_length", self.contour_length, "length")
         b = length / count
         modulus = stretch_modulus if stretch_modulus is not None else self.stretch_modulus
@@ -124,9 +135,22 @@ class WormlikeChain:
             k = INEXTENSIBLE * kt / b**2
         else:
             k = float(check.positive("stretch_modulus", units.number("stretch_modulus", modulus, "force"))) / b
-        rest_length = wlc.rest_length(b, k, kt)
+        pull = (
+            0.0 if tension is None else check.non_negative("tension", units.number("tension", tension, "force")).item()
+        )
+        own = (
+            math.inf if self.stretch_modulus is None else units.number("stretch_modulus", self.stretch_modulus, "force")
+        )
+        mean = b * (1 + pull / own)
+        # a tension f on a harmonic bond only moves its rest length, by f/k
+        loaded = float(wlc.rest_length(mean, k, kt))
+        rest_length = loaded - pull / k
+        if rest_length <= 0:
+            raise ValueError(
+                f"Argument `stretch_modulus` must be well above the tension, but is {k * b / pull:.3g} times it."
+            )
         # <s^2> = b0 <s> + 3 kT/k, integrating (s^3 exp(-k (s - b0)^2/2kT))' over all lengths
-        squared_bond = rest_length * b + 3 * kt / k
+        squared_bond = loaded * mean + 3 * kt / k - (mean**2 - b**2)
         cosine = self._mean_cosine(count, b, squared_bond, check.one_of("match", match, tuple(Match)))
         alpha = kt * wlc.bending_from_cosine(cosine)
         density = units.number("line_density", self.line_density, "line_density")

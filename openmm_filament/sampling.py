@@ -50,7 +50,7 @@ _GROUPS = 4
 _REPLICAS = 2
 """Chains in the System of each run."""
 
-_SAMPLE_TIME, _WARM_UP_TIME, _FIRST_ROUND = 0.2, 2.0, 32
+_SAMPLE_TIME, _WARM_UP_TIME, _FIRST_ROUND = 0.2, 2.5, 20
 """Between samples, and before the first: times over 1/omega of the slowest mode; samples a chain in the first round."""
 
 _GROWTH = 3.0
@@ -254,15 +254,23 @@ def _workers(processes: int | None) -> int:
     asked = check.integer("processes", processes, low=1)
     if asked > available:
         warnings.warn(
-            f"Argument `processes` is {asked}, but this process may use {available} cores: running {available}.", stacklevel=3
+            f"Argument `processes` is {asked}, but this process may use {available} cores: running {available}.",
+            stacklevel=3,
         )
     return min(asked, available)
 
 
 def _points(
-    chain: WormlikeChain | Filament, forces: Array, kelvin: float, wanted: Array, seed: int, dimension: int,
-    platform: str, paths: Mapping[int, str | os.PathLike[str]], overwrite: bool,
-) -> list[_Point]:  # fmt: skip
+    chain: WormlikeChain | Filament,
+    forces: Array,
+    kelvin: float,
+    wanted: Array,
+    seed: int,
+    dimension: int,
+    platform: str,
+    paths: Mapping[int, str | os.PathLike[str]],
+    overwrite: bool,
+) -> list[_Point]:
     temperature = kelvin * unit.kelvin
     if isinstance(chain, WormlikeChain):
         if dimension != 3:
@@ -286,15 +294,24 @@ def _points(
         runs = [
             _Run(
                 Block(
-                    filament=filament, force=force * PN, temperature=kelvin, dimension=dimension, replicas=_REPLICAS,
-                    seed=int(child.generate_state(1)[0]) % (2**31 - 1) + 1, timestep=dt * to_ps,
-                    friction=FRICTION * rate / to_ps, stride=stride, samples=0, warm_up=round(_WARM_UP_TIME / rate / dt),
-                    platform=platform, keep_frames=i in paths and group == 0,
+                    filament=filament,
+                    force=force * PN,
+                    temperature=kelvin,
+                    dimension=dimension,
+                    replicas=_REPLICAS,
+                    seed=int(child.generate_state(1)[0]) % (2**31 - 1) + 1,
+                    timestep=dt * to_ps,
+                    friction=FRICTION * rate / to_ps,
+                    stride=stride,
+                    samples=0,
+                    warm_up=round(_WARM_UP_TIME / rate / dt),
+                    platform=platform,
+                    keep_frames=i in paths and group == 0,
                 ),
                 _FIRST_ROUND,
             )
             for group, child in enumerate(seeds[i].spawn(_GROUPS))
-        ]  # fmt: skip
+        ]
         writer = TrajectoryWriter(model, paths[i], overwrite=overwrite) if i in paths else None
         points.append(_Point(float(force), float(wanted[i]), bias, runs, writer))
     return points
@@ -305,9 +322,11 @@ def _sample(points: Sequence[_Point], workers: int, progress: Callable[[Progress
     begun = time.perf_counter()
     pending: dict[Future[BlockResult], tuple[_Point, _Run]] = {}
     with ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=signal.signal,
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=signal.signal,
         initargs=(signal.SIGINT, signal.SIG_IGN),
-    ) as pool:  # fmt: skip
+    ) as pool:
 
         def submit(point: _Point, run: _Run) -> None:
             with _main_hidden():
@@ -372,9 +391,14 @@ def _main_hidden() -> Iterator[None]:
 
 
 def _dataset(
-    points: Sequence[_Point], chain: WormlikeChain | Filament, kelvin: float, seed: int, dimension: int,
-    platform: str, interrupted: bool,
-) -> xarray.Dataset:  # fmt: skip
+    points: Sequence[_Point],
+    chain: WormlikeChain | Filament,
+    kelvin: float,
+    seed: int,
+    dimension: int,
+    platform: str,
+    interrupted: bool,
+) -> xarray.Dataset:
     import xarray
 
     from openmm_filament import __version__
@@ -388,7 +412,8 @@ def _dataset(
         "extension": column([p.mean for p in points], "nm", "mean extension along the force"),
         "extension_error": column([p.error for p in points], "nm", "one standard error of the extension"),
         "bias": column(
-            [p.mean * p.bias / (1 + p.bias) if continuous else math.nan for p in points], "nm",
+            [p.mean * p.bias / (1 + p.bias) if continuous else math.nan for p in points],
+            "nm",
             "exact discrete minus exact continuous extension",
         ),
         "effective_samples": column([p.samples for p in points], "1", "effective sample size of all chains"),
@@ -397,11 +422,12 @@ def _dataset(
         "time_step": column([b.timestep for b in blocks], "ps", "time step"),
         "friction": column([b.friction for b in blocks], "1/ps", "friction"),
         "steps": column(
-            [b.stride * min(run.done for run in p.runs) for b, p in zip(blocks, points, strict=True)], "1",
+            [b.stride * min(run.done for run in p.runs) for b, p in zip(blocks, points, strict=True)],
+            "1",
             "sampled steps of each chain",
         ),
         "finished": column([int(p.finished) for p in points], "1", "whether the wanted error was reached"),
-    }  # fmt: skip
+    }
     return xarray.Dataset(
         variables,
         coords={"force": ("force", np.array([p.force for p in points]), {"units": "pN", "long_name": "pulling force"})},

@@ -48,9 +48,7 @@ def helix(
     return units.quantity(positions, "length")
 
 
-def planar_walk(
-    segments: int, segment_length: unit.Quantity, *, bend: unit.Quantity, seed: int
-) -> unit.Quantity:
+def planar_walk(segments: int, segment_length: unit.Quantity, *, bend: unit.Quantity, seed: int) -> unit.Quantity:
     """A random chain in the xy plane whose successive segments turn by independent normal angles: (segments + 1, 3).
 
     `bend` is the standard deviation of the turning angle; the first segment runs along x.

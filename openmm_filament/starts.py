@@ -138,7 +138,9 @@ class _Tables:
             stiffest = max((float(i.parameters["alpha"][element]) for i in self.bends), default=0.0)
             around = [float(i.parameters["beta0"][element]) if "beta0" in i.parameters else 0.0 for i in self.bends]
             reach = 10 * math.sqrt(self.kt / stiffest) if stiffest else math.pi
-            beta = np.linspace(max(min(around or [0.0]) - reach, 0.0), min(max(around or [0.0]) + reach, math.pi), _GRID)
+            beta = np.linspace(
+                max(min(around or [0.0]) - reach, 0.0), min(max(around or [0.0]) + reach, math.pi), _GRID
+            )
             triples = np.zeros((_GRID, 3, 3))
             triples[:, 0] = [-1.0, 0.0, 0.0]
             triples[:, 2] = np.stack([np.cos(beta), np.sin(beta), np.zeros(_GRID)], axis=-1)

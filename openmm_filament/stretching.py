@@ -34,7 +34,7 @@ class Harmonic(Term):
     family = "stretching"
     span = 2
     expression = "0.5*k*(r-r0)^2"
-    dimensions = {"k": "stiffness", "r0": "length"}  # noqa: RUF012  (ClassVar in Term)
+    dimensions = {"k": "stiffness", "r0": "length"}
 
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
         k = per_element("stiffness", self.stiffness, "stiffness", rest, 2, closed, check.positive)

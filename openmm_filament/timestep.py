@@ -52,10 +52,14 @@ def highest_frequency(model: Model, positions: Array) -> float:
         free[:, 2] = False
     degrees = int(free.sum())
     if not degrees or not any(len(interaction.beads) for interaction in model.interactions):
-        raise ValueError("Argument `model` must have a free bead and a term that acts on it to have a stable time step.")
+        raise ValueError(
+            "Argument `model` must have a free bead and a term that acts on it to have a stable time step."
+        )
     weights = (1 / np.sqrt(np.broadcast_to(masses[:, None], positions.shape)))[free]
     # the displacement of a difference quotient: small against the shortest segment, large against rounding
-    reach = 1e-5 * min(float(np.linalg.norm(np.diff(positions[i.beads[:, :2]], axis=1), axis=-1).min()) for i in model.interactions)
+    reach = 1e-5 * min(
+        float(np.linalg.norm(np.diff(positions[i.beads[:, :2]], axis=1), axis=-1).min()) for i in model.interactions
+    )
 
     still = _forces(model, positions)
 

@@ -53,7 +53,7 @@ def _dihedral_gradient(x: Array, slope: Array) -> Array:
 
 def _shorter_way(difference: Array) -> Array:
     """An angle difference brought into [-pi, pi)."""
-    return difference - 2 * np.pi * np.floor(difference / (2 * np.pi) + 0.5)
+    return np.asarray(difference - 2 * np.pi * np.floor(difference / (2 * np.pi) + 0.5))
 
 
 @final
@@ -75,7 +75,7 @@ class Harmonic(Term):
     family = "torsion"
     span = 4
     expression = "0.5*c*(d-6.283185307179586*floor(d/6.283185307179586+0.5))^2; d=theta-tau0"
-    dimensions = {"c": "energy", "tau0": "angle"}  # noqa: RUF012
+    dimensions = {"c": "energy", "tau0": "angle"}
     needs_bends = True
 
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
@@ -113,7 +113,7 @@ class Periodic(Term):
     family = "torsion"
     span = 4
     expression = "k*(1-cos(n*(theta-tau0)))"
-    dimensions = {"k": "energy", "n": "pure", "tau0": "angle"}  # noqa: RUF012
+    dimensions = {"k": "energy", "n": "pure", "tau0": "angle"}
     needs_bends = True
 
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
@@ -162,7 +162,7 @@ class Weighted(Term):
         )
         + "lu=distance(p1,p2); lv=distance(p2,p3); lw=distance(p3,p4)"
     )
-    dimensions = {"k": "energy", "tau0": "angle"}  # noqa: RUF012
+    dimensions = {"k": "energy", "tau0": "angle"}
 
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
         k = per_element("stiffness", self.stiffness, "energy", rest, 4, closed, check.positive)

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from openmm import app, unit
 
 from openmm_filament import _checks as check
-from openmm_filament import units
-from openmm_filament.model import Model
 from openmm_filament.divergence import Watch
+from openmm_filament.model import Model
 
 if TYPE_CHECKING:
     import mdtraj
@@ -52,7 +51,9 @@ class TrajectoryWriter:
         sidecar = self.path.with_suffix(".jsonl")
         for file in (self.path, pdb, sidecar):
             if file.exists() and not overwrite:
-                raise FileExistsError(f"Argument `path` must not name an existing trajectory, but {file} exists: pass overwrite=True.")
+                raise FileExistsError(
+                    f"Argument `path` must not name an existing trajectory, but {file} exists: pass overwrite=True."
+                )
         with pdb.open("w") as out:
             app.PDBFile.writeFile(model.topology, model.positions, out, keepIds=True)
         self._dcd_file = self.path.open("wb")
@@ -141,11 +142,15 @@ def load(path: str | os.PathLike[str]) -> mdtraj.Trajectory:
     sidecar = dcd.with_suffix(".jsonl")
     for file in (dcd, sidecar):
         if not file.exists():
-            raise FileNotFoundError(f"Argument `path` must name a trajectory with its sidecar, but {file} does not exist.")
+            raise FileNotFoundError(
+                f"Argument `path` must name a trajectory with its sidecar, but {file} does not exist."
+            )
     header, *frames = (json.loads(line) for line in sidecar.read_text().splitlines())
     trajectory = mdtraj.load_dcd(str(dcd), top=str(dcd.parent / header["topology"]))
     if len(frames) < trajectory.n_frames:
-        raise ValueError(f"Argument `path` must have a time for each of {trajectory.n_frames} frames, but has {len(frames)}.")
+        raise ValueError(
+            f"Argument `path` must have a time for each of {trajectory.n_frames} frames, but has {len(frames)}."
+        )
     trajectory.xyz *= header["scale"]["length_nm"]
     trajectory.time = np.array([frame["time_ps"] for frame in frames[: trajectory.n_frames]])
     return trajectory

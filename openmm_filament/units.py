@@ -124,9 +124,7 @@ def dimension_of(name: str, value: Any) -> str:
     for dimension in _UNITS:
         if _compatible(value.unit, dimension) is not None:
             return dimension
-    raise TypeError(
-        f"Argument `{name}` must have a unit of {', '.join(_UNITS)}, but has {value.unit.get_name()}."
-    )
+    raise TypeError(f"Argument `{name}` must have a unit of {', '.join(_UNITS)}, but has {value.unit.get_name()}.")
 
 
 @dataclass(frozen=True)

@@ -78,9 +78,14 @@ def _reduced(
 
 
 def _fraction(
-    extension: ArrayLike, persistence_length: float, contour_length: float, kT: float, dimension: int = 3,
-    *, bounded: bool = True,
-) -> tuple[Floats, float]:  # fmt: skip
+    extension: ArrayLike,
+    persistence_length: float,
+    contour_length: float,
+    kT: float,
+    dimension: int = 3,
+    *,
+    bounded: bool = True,
+) -> tuple[Floats, float]:
     """The fractions `z/L` and the unit of force `kT/l_p`, all arguments checked; `bounded` refuses `z >= L`."""
     check.one_of("dimension", dimension, (2, 3))
     unit = positive_scalar("kT", kT) / positive_scalar("persistence_length", persistence_length)
@@ -162,9 +167,15 @@ def _exact_parameters(
 
 
 def extension_exact(
-    force: ArrayLike, persistence_length: float, contour_length: float, kT: float,
-    *, stretch_modulus: float | None = None, finite: bool = False, dimension: int = 3,
-) -> float | Floats:  # fmt: skip
+    force: ArrayLike,
+    persistence_length: float,
+    contour_length: float,
+    kT: float,
+    *,
+    stretch_modulus: float | None = None,
+    finite: bool = False,
+    dimension: int = 3,
+) -> float | Floats:
     """Mean extension of the continuous worm-like chain, numerically exact.
 
     `H = L^2/2 - f cos(theta) - (f^2/2) (kT/(S l_p)) cos^2(theta)`: the last term is the local stretch, integrated out.
@@ -198,9 +209,15 @@ def extension_exact(
 
 
 def force_exact(
-    extension: ArrayLike, persistence_length: float, contour_length: float, kT: float,
-    *, stretch_modulus: float | None = None, finite: bool = False, dimension: int = 3,
-) -> float | Floats:  # fmt: skip
+    extension: ArrayLike,
+    persistence_length: float,
+    contour_length: float,
+    kT: float,
+    *,
+    stretch_modulus: float | None = None,
+    finite: bool = False,
+    dimension: int = 3,
+) -> float | Floats:
     """Force that gives this mean extension: the inverse of `extension_exact`.
 
     Args:
@@ -466,9 +483,14 @@ def force_hookean(
 
 
 def extension_odijk(
-    force: ArrayLike, persistence_length: float, contour_length: float, kT: float, stretch_modulus: float,
-    *, dimension: int = 3,
-) -> float | Floats:  # fmt: skip
+    force: ArrayLike,
+    persistence_length: float,
+    contour_length: float,
+    kT: float,
+    stretch_modulus: float,
+    *,
+    dimension: int = 3,
+) -> float | Floats:
     """Extension of the extensible chain at large force, `z/L = 1 - (d-1)/4 f^(-1/2) + F/S`.
 
     Odijk, Macromolecules 28, 7016 (1995), for three dimensions. For DNA (l_p = 53 nm, S = 1000 pN) within 0.15 % of the
@@ -500,9 +522,14 @@ def extension_odijk(
 
 
 def force_odijk(
-    extension: ArrayLike, persistence_length: float, contour_length: float, kT: float, stretch_modulus: float,
-    *, dimension: int = 3,
-) -> float | Floats:  # fmt: skip
+    extension: ArrayLike,
+    persistence_length: float,
+    contour_length: float,
+    kT: float,
+    stretch_modulus: float,
+    *,
+    dimension: int = 3,
+) -> float | Floats:
     """Force of the extensible chain: the inverse of `extension_odijk`.
 
     Args:

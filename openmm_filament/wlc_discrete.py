@@ -486,7 +486,7 @@ class _Chain:
     segments: int
     bond_length: float
     joints: Floats
-    kT: float  # noqa: N815 - the field's symbol
+    kT: float
     stretching: float | None
     form: str
     flip: bool
@@ -528,9 +528,17 @@ def _extension(force: Floats, chain: _Chain, refine: float = 1.0) -> Floats:
 
 
 def _check_chain(
-    *, segments: int, bond_length: float, bending: ArrayLike, kT: float, stretching: float | None,
-    bending_form: BendingForm, rest_angles: ArrayLike, flip: bool, dimension: int,
-) -> _Chain:  # fmt: skip
+    *,
+    segments: int,
+    bond_length: float,
+    bending: ArrayLike,
+    kT: float,
+    stretching: float | None,
+    bending_form: BendingForm,
+    rest_angles: ArrayLike,
+    flip: bool,
+    dimension: int,
+) -> _Chain:
     _check_joint(bending_form, dimension)
     segments, kT = check.integer("segments", segments, low=1), positive_scalar("kT", kT)
     joints = np.empty((segments - 1, 2))
@@ -551,10 +559,18 @@ def _check_chain(
 
 
 def extension_discrete(
-    force: ArrayLike, *, segments: int, bond_length: float, bending: ArrayLike, kT: float,
-    stretching: float | None = None, bending_form: BendingForm = "harmonic", rest_angles: ArrayLike = 0.0,
-    flip: bool = True, dimension: int = 3,
-) -> float | Floats:  # fmt: skip
+    force: ArrayLike,
+    *,
+    segments: int,
+    bond_length: float,
+    bending: ArrayLike,
+    kT: float,
+    stretching: float | None = None,
+    bending_form: BendingForm = "harmonic",
+    rest_angles: ArrayLike = 0.0,
+    flip: bool = True,
+    dimension: int = 3,
+) -> float | Floats:
     """Mean extension of the finite discrete chain with free ends, exact, for the potentials that are simulated.
 
     `Z = int prod_i [s_i^(d-1) ds_i dt_i exp(-k (s_i - b0)^2/(2 kT) + F s_i t_i.z/kT)] prod_j exp(-E_j(beta_j)/kT)`,
@@ -591,18 +607,33 @@ def extension_discrete(
         array([  0.  , 537.59, 973.48])
     """
     chain = _check_chain(
-        segments=segments, bond_length=bond_length, bending=bending, kT=kT, stretching=stretching,
-        bending_form=bending_form, rest_angles=rest_angles, flip=flip, dimension=dimension,
-    )  # fmt: skip
+        segments=segments,
+        bond_length=bond_length,
+        bending=bending,
+        kT=kT,
+        stretching=stretching,
+        bending_form=bending_form,
+        rest_angles=rest_angles,
+        flip=flip,
+        dimension=dimension,
+    )
     values = check.non_negative("force", force)
     return scalar_or_array(_extension(values, chain) if values.size else values)
 
 
 def force_discrete(
-    extension: ArrayLike, *, segments: int, bond_length: float, bending: ArrayLike, kT: float,
-    stretching: float | None = None, bending_form: BendingForm = "harmonic", rest_angles: ArrayLike = 0.0,
-    flip: bool = True, dimension: int = 3,
-) -> float | Floats:  # fmt: skip
+    extension: ArrayLike,
+    *,
+    segments: int,
+    bond_length: float,
+    bending: ArrayLike,
+    kT: float,
+    stretching: float | None = None,
+    bending_form: BendingForm = "harmonic",
+    rest_angles: ArrayLike = 0.0,
+    flip: bool = True,
+    dimension: int = 3,
+) -> float | Floats:
     """Force at which the discrete chain has this mean extension: the inverse of `extension_discrete`.
 
     Args:
@@ -629,9 +660,16 @@ def force_discrete(
         1.0
     """
     chain = _check_chain(
-        segments=segments, bond_length=bond_length, bending=bending, kT=kT, stretching=stretching,
-        bending_form=bending_form, rest_angles=rest_angles, flip=flip, dimension=dimension,
-    )  # fmt: skip
+        segments=segments,
+        bond_length=bond_length,
+        bending=bending,
+        kT=kT,
+        stretching=stretching,
+        bending_form=bending_form,
+        rest_angles=rest_angles,
+        flip=flip,
+        dimension=dimension,
+    )
     values = check.non_negative("extension", extension)
     contour = chain.segments * chain.bond_length
     if stretching is None and (values >= contour).any():

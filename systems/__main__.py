@@ -17,7 +17,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m systems", description="Run a system of elastic filaments.")
     parser.add_argument("name", nargs="?", help="the system; without one they are listed")
     parser.add_argument("--output", type=Path, help="folder for the results: new, or empty")
-    parser.add_argument("--overwrite", action="store_true", help="replace results in the folder when the new ones are complete")
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace results in the folder when the new ones are complete"
+    )
     parser.add_argument("--quick", action="store_true", help="the same checks with larger error bars, in under 20 s")
     parser.add_argument("--seed", type=int, default=1, help="of the noise (default 1)")
     known, rest = parser.parse_known_args(arguments)

@@ -85,14 +85,20 @@ def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Path]:
     if output.exists() and not output.is_dir():
         raise OutputError(f"Argument `--output` must be a folder, but {output} is a file.")
     if output.is_dir() and any(output.iterdir()) and not overwrite:
-        raise OutputError(f"Argument `--output` must be empty or new, but {output} holds results: pass --overwrite to replace them.")
+        raise OutputError(
+            f"Argument `--output` must be empty or new, but {output} holds results: pass --overwrite to replace them."
+        )
     if output.is_dir() and any(output.iterdir()) and not (output / "summary.json").exists():
-        raise OutputError(f"Argument `--output` must hold nothing but results, but {output} has no summary.json: it is left alone.")
+        raise OutputError(
+            f"Argument `--output` must hold nothing but results, but {output} has no summary.json: it is left alone."
+        )
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
     except OSError as error:
-        raise OutputError(f"Argument `--output` must be a folder that can be written, but {output} cannot: {error}.") from error
+        raise OutputError(
+            f"Argument `--output` must be a folder that can be written, but {output} cannot: {error}."
+        ) from error
     try:
         draft.chmod(0o755)
         yield draft
