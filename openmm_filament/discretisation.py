@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,7 @@ class ExactChain:
     segments: int
     bond_length: float
     bending: float | Array
-    bending_form: str
+    bending_form: Literal["harmonic", "cosine"]
     rest_angles: float | Array
     stretching: float
     kT: float
@@ -62,7 +62,7 @@ class ExactChain:
             kT=self.kT,
             stretching=self.stretching,
             bending_form=self.bending_form,
-            rest_angles=self.rest_angles,  # type: ignore[arg-type]
+            rest_angles=self.rest_angles,
             dimension=dimension,
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,10 +67,8 @@ def langevin(
         if friction is None
         else _internal(model, "friction", friction, "rate")
     )
-    if model.planar:
-        integrator = _planar_langevin(model, internal, rate, dt)
-    else:
-        integrator = mm.LangevinMiddleIntegrator(internal, rate, dt)
+    make = partial(_planar_langevin, model) if model.planar else mm.LangevinMiddleIntegrator
+    integrator = make(internal, rate, dt)
     if seed is not None:
         integrator.setRandomNumberSeed(check.integer("seed", seed, low=1, high=2**31 - 1))
     return integrator
@@ -132,7 +131,8 @@ def _langevin_fraction(model: Model, kt: float) -> float:
 
 
 def _internal(model: Model, name: str, value: unit.Quantity, dimension: str) -> float:
-    return float(check.positive(name, units.number(name, value, dimension))) / model.scale.factor(dimension)
+    physical = check.positive(name, units.number(name, value, dimension))
+    return float(physical) / model.scale.factor(dimension)
 
 
 def _step(model: Model, timestep: unit.Quantity | None, fraction: float) -> float:

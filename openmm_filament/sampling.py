@@ -168,7 +168,7 @@ def force_extension(
     chain: WormlikeChain | Filament,
     forces: unit.Quantity,
     temperature: unit.Quantity,
-    relative_error: float | Sequence[float] = 0.01,
+    relative_error: float | Sequence[float] | Array = 0.01,
     *,
     seed: int = 1,
     dimension: int = 3,

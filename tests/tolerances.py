@@ -35,3 +35,11 @@ SI = 1e-9
 """Stiffnesses against the closed formula with CODATA numbers. Measured: 4e-16 (exact constants)."""
 QUADRATURE = 1e-9
 """Averages over one bond or joint against scipy's adaptive quadrature. Measured: at most 2e-11."""
+LIMIT = 0.05
+"""The stability limit against the one found by running: 0.95 of it must hold, 1.05 must not."""
+STAYS_SMALL = 1e4
+"""Growth of a random push of 1e-7 nm in 2500 Verlet steps below the limit (kept to 1e-3 nm). Measured: see the test."""
+LANCZOS = 0.01
+"""The limit by Lanczos iterations, stopped at 0.5 % of omega^2, against a dense Hessian. Measured: see the test."""
+EIGENVALUE = 1e-4
+"""The limit by a dense Hessian of forward differences of 1e-5 of the shortest segment. Measured: see the test."""
