@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from openmm import unit
 
 from openmm_filament import units
-from openmm_filament.divergence import diagnose
+from openmm_filament.divergence import check_heat, diagnose
 from openmm_filament.filament import Filament
 from openmm_filament.integrators import langevin
 from openmm_filament.loads import Hold, Load, Plane, Pull
@@ -85,7 +85,7 @@ def run_block(block: Block) -> BlockResult:
     Raises
     ------
     DivergedError
-        If a coordinate is not finite.
+        If a coordinate is not finite, or the run is far hotter than its thermostat.
     """
     begun = time.perf_counter()
     model = clamped_model(block.filament, block.force, block.dimension, block.replicas)

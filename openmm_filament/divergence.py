@@ -16,7 +16,7 @@ from openmm_filament.inspection import describe_bead
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
-__all__ = ["DivergedError", "Watch", "watch"]
+__all__ = ["DivergedError", "Watch", "check_heat", "diagnose", "watch"]
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class DivergedError(RuntimeError):
 
 
 def watch(model: Model, interval: int) -> Watch:
-    """A reporter that stops a Simulation with DivergedError when a coordinate is not finite.
+    """A reporter that stops a Simulation with DivergedError when a coordinate is not finite or the run heats up.
 
     Every `interval` steps it looks at the positions and keeps them as the last good frame.
     """
@@ -66,9 +66,9 @@ class Watch:
     def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
         """When OpenMM is to call next, and with what; the first call keeps the starting frame."""
         if self._good is None:
-            self.look(simulation, simulation.context.getState(positions=True, velocities=True))
+            self.look(simulation, simulation.context.getState(positions=True, velocities=True, energy=True))
         steps = self._interval - simulation.currentStep % self._interval
-        return {"steps": steps, "periodic": None, "include": ["positions", "velocities"]}
+        return {"steps": steps, "periodic": None, "include": ["positions", "velocities", "energy"]}
 
     def report(self, simulation: app.Simulation, state: mm.State) -> None:
         """Called by OpenMM every `interval` steps."""
@@ -79,9 +79,34 @@ class Watch:
         positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
         if np.isfinite(positions).all():
             velocities = units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity")
+            if (thermostat := getattr(simulation.integrator, "getTemperature", None)) is not None:
+                check_heat(self._model, state, thermostat().value_in_unit(unit.kelvin), simulation.currentStep)
             self._good = positions, velocities, simulation.currentStep
             return positions
         raise diagnose(self._model, simulation.context, positions, simulation.currentStep, self._good)
+
+
+def check_heat(model: Model, state: mm.State, temperature: float, step: int) -> None:
+    """Raise DivergedError where a thermal run is far hotter than its thermostat: unstable, though finite.
+
+    `temperature` is internal, in K. A time step below the stability limit makes the kinetic temperature too low, never
+    too high; the bound allows ten standard deviations of its fluctuation.
+    """
+    degrees = (2 if model.planar else 3) * (int(model.starts[-1]) - len(model.held))
+    kinetic = units.number("kinetic energy", state.getKineticEnergy(), "energy")
+    found = 2 * kinetic / (units.BOLTZMANN * degrees)
+    if found <= temperature * (1 + 10 * np.sqrt(2 / degrees)):
+        return
+    positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
+    to_kelvin = model.scale.factor("temperature")
+    raise DivergedError(
+        f"The run has heated up to {found * to_kelvin:.4g} K by step {step}, its thermostat standing at "
+        f"{temperature * to_kelvin:.4g} K: the time step is too long.",
+        0,
+        "unknown",
+        step,
+        model.to_physical(positions, "length"),
+    )
 
 
 def diagnose(

@@ -124,7 +124,8 @@ class Periodic(Term):
 
     @staticmethod
     def energy(x: Array, p: Parameters) -> Array:
-        return 2 * p["k"] * np.sin(0.5 * p["n"] * (dihedrals(x) - p["tau0"])) ** 2
+        half: Array = np.sin(0.5 * p["n"] * (dihedrals(x) - p["tau0"]))
+        return 2 * p["k"] * half**2
 
     @staticmethod
     def gradient(x: Array, p: Parameters) -> Array:

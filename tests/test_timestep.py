@@ -44,7 +44,7 @@ MODELS: dict[str, tuple[of.Filament, Sequence[Any]]] = {
     "torsion, periodic": (helix(stretch(1), bending.Harmonic(1 * KJ), torsion.Periodic(100 * KJ, 1)), ()),
     "torsion, weighted, straight": (  # on a bent chain it also pulls the bends open: its rest shape is no equilibrium
         of.Filament(of.shapes.line(30, 1 * NM), 10 * unit.dalton,
-                    (stretch(1), bending.Harmonic(100 * KJ), torsion.Weighted(90 * KJ, 0 * unit.radian))), (),
+                    (stretch(1), bending.Harmonic(100 * KJ), torsion.Weighted(40 * KJ, 0 * unit.radian))), (),
     ),
     "held": (helix(stretch(500), bending.Harmonic(50 * KJ)), [Hold([0, 7, -1])]),
     "planar": (
@@ -101,7 +101,7 @@ def growth(model: of.Model, dt: float, steps: int = 2500) -> float:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_the_limit_is_where_a_run_blows_up(name: str) -> None:
-    """2/omega_max to 5 %: a tiny push stays one below it and has grown by five orders of magnitude above it."""
+    """2/omega_max to 5 %: a tiny push stays one below it and grows without end above it."""
     model = of.build(*MODELS[name])
     limit = model.to_internal(of.stable_timestep(model)).value_in_unit(PS)
     assert growth(model, (1 - tol.LIMIT) * limit) < tol.STAYS_SMALL
@@ -161,9 +161,9 @@ def test_replicas_have_the_limit_of_one() -> None:
 def test_a_macroscopic_model_has_its_physical_time_step() -> None:
     """Beads of 1 g on springs of 4000 N/m, 1 cm apart: omega_max = 2 sqrt(k/m), dt = sqrt(m/k) = 0.5 ms."""
     newton_per_metre = unit.newton / unit.meter * unit.AVOGADRO_CONSTANT_NA
-    gram = 1 * unit.gram * unit.AVOGADRO_CONSTANT_NA
+    gram = 1 * unit.gram
     spring = stretching.Harmonic(4000 * newton_per_metre)
-    model = of.build(of.Filament(of.shapes.line(100, 1 * unit.centimeter), gram / unit.mole * unit.mole, (spring,)))
+    model = of.build(of.Filament(of.shapes.line(100, 1 * unit.centimeter), gram, (spring,)))
     assert not model.scale.is_identity
     limit = of.stable_timestep(model)
     assert limit.value_in_unit(unit.millisecond) == pytest.approx(0.5, rel=tol.LANCZOS)
