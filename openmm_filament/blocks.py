@@ -119,6 +119,8 @@ def run_block(block: Block) -> BlockResult:
             frames[sample] = chains[0]
         if not np.isfinite(extensions[:, sample]).all():
             raise diagnose(model, context, positions, (sample + 1) * block.stride, good)
+    heat = block.temperature / model.scale.factor("temperature")
+    check_heat(model, context.getState(positions=True, energy=True), heat, block.samples * block.stride)
     return BlockResult(extensions * model.scale.length, frames, context.createCheckpoint(), time.perf_counter() - begun)
 
 

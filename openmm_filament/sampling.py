@@ -13,12 +13,14 @@ import os
 import platform as host
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from multiprocessing.connection import wait as wait_for
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +32,7 @@ from openmm import unit
 from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.blocks import Block, BlockResult, clamped_model, run_block
-from openmm_filament.discretisation import FEWEST_SAMPLES, PN, choose
+from openmm_filament.discretisation import FEWEST_SAMPLES, PN, ExactChain, choose, exact_chain
 from openmm_filament.filament import Filament
 from openmm_filament.integrators import FRICTION, langevin
 from openmm_filament.rods import WormlikeChain
@@ -211,17 +213,18 @@ def force_extension(
     -------
     xarray.Dataset
         Over the coordinate `force` (pN): `extension`, `extension_error` (one standard error), both nm; `bias` (nm, exact
-        discrete minus exact continuous chain; NaN for a `Filament`); `effective_samples`; `r_hat`; `segments`;
-        `bond_length`; `time_step` (ps), `friction` (1/ps), `steps` (of each of the chains); `finished`. Units stand in
-        the attributes of each variable; versions, platform and seed in those of the dataset. After Ctrl-C it holds
-        what was done until then, and its attribute `interrupted` is 1.
+        discrete minus exact continuous chain; NaN for a `Filament`); `effective_samples`; `r_hat`; the chain that was
+        run (`segments`, `bond_length`, `bending`, `stretching`) and its `exact_discrete` extension, NaN where they are
+        not one number or no exact answer is known; `time_step` (ps), `friction` (1/ps), `steps` (of each of the
+        chains); `finished`. Units stand in the attributes of each variable; versions, platform and seed in those of
+        the dataset. After Ctrl-C it holds what was done until then, and its attribute `interrupted` is 1.
 
     Raises
     ------
     ValueError, TypeError
         For arguments that are wrong, before anything runs.
     DivergedError
-        If a coordinate is not finite.
+        If a coordinate is not finite, or a run far hotter than its thermostat.
     """
     values = check.positive("forces", np.atleast_1d(units.numbers("forces", forces, "force"))) / PN
     check.shape("forces", values, (None,))
@@ -324,8 +327,7 @@ def _sample(points: Sequence[_Point], workers: int, progress: Callable[[Progress
     with ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),
+        initializer=_begin_worker,
     ) as pool:
 
         def submit(point: _Point, run: _Run) -> None:
@@ -358,6 +360,19 @@ def _sample(points: Sequence[_Point], workers: int, progress: Callable[[Progress
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return False
+
+
+def _begin_worker() -> None:
+    """Leave Ctrl-C to the parent process, and do not outlive it, whatever ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def follow() -> None:
+        wait_for([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def _take(point: _Point, run: _Run, result: BlockResult) -> None:
@@ -407,6 +422,11 @@ def _dataset(
         return "force", np.array(values), {"units": units_, "long_name": meaning}
 
     blocks = [point.runs[0].block for point in points]
+    exact = [exact_chain(block.filament, kelvin * unit.kelvin) for block in blocks]
+
+    def of_chain(value: Callable[[ExactChain], float]) -> list[float]:
+        return [math.nan if chain is None else value(chain) for chain in exact]
+
     continuous = isinstance(chain, WormlikeChain)
     variables = {
         "extension": column([p.mean for p in points], "nm", "mean extension along the force"),
@@ -419,6 +439,17 @@ def _dataset(
         "effective_samples": column([p.samples for p in points], "1", "effective sample size of all chains"),
         "r_hat": column([p.r_hat for p in points], "1", "rank-normalised split R-hat"),
         "segments": column([len(b.filament) - 1 for b in blocks], "1", "segments of the chain"),
+        "bond_length": column(of_chain(lambda c: c.bond_length), "nm", "rest length of the bonds"),
+        "bending": column(of_chain(lambda c: _uniform(c.bending) * PN), "kJ/mol", "bending stiffness of the joints"),
+        "stretching": column(of_chain(lambda c: c.stretching * PN), "kJ/mol/nm^2", "stiffness of the bonds"),
+        "exact_discrete": column(
+            [
+                math.nan if c is None else float(c.extension(p.force, dimension))
+                for c, p in zip(exact, points, strict=True)
+            ],
+            "nm",
+            "exact extension of the discrete chain",
+        ),
         "time_step": column([b.timestep for b in blocks], "ps", "time step"),
         "friction": column([b.friction for b in blocks], "1/ps", "friction"),
         "steps": column(
@@ -445,3 +476,7 @@ def _dataset(
             "python_version": host.python_version(),
         },
     )
+
+
+def _uniform(values: float | Array) -> float:
+    return float(values) if np.ndim(values) == 0 else math.nan

@@ -24,7 +24,7 @@ from rich.table import Table
 import openmm_filament as of
 from openmm_filament import wlc
 from openmm_filament.blocks import clamped_model
-from openmm_filament.discretisation import PN, choose, exact_chain
+from openmm_filament.discretisation import PN
 from openmm_filament.sampling import Progress as Report
 from systems.scene import Check, Summary
 
@@ -93,8 +93,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             progress=display.show,
         )
     interrupted = bool(curve.attrs["interrupted"])
-    plans = _plans(curve, wanted)
-    rows = _rows(curve, plans)
+    rows = _rows(curve)
     console.print(_table(rows))
     _write_csv(folder / "force_extension.csv", rows)
     curve.to_netcdf(folder / "force_extension.nc", engine="scipy")
@@ -102,7 +101,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     checks = [] if interrupted else _checks(folder, rows, wanted)
     summary = Summary(
         system="dna_force_extension",
-        models=[clamped_model(plans[SHOWN], float(FORCES[SHOWN]) * PN, 3, 1)],
+        models=[_model(curve)],
         platform=curve.attrs["platform"],
         wall_seconds=time.perf_counter() - begun,
         filament={
@@ -161,37 +160,30 @@ class _Display:
         self._bar.update(self._task, completed=report.fraction, description=text)
 
 
-def _plans(curve: xarray.Dataset, wanted: np.ndarray) -> list[of.Filament]:
-    """The chains that were run, made again from the same choice."""
-    plans = [filament for filament, _ in choose(chain(), FORCES, TEMPERATURE * unit.kelvin, wanted)]
-    assert [len(filament) - 1 for filament in plans] == curve.segments.values.tolist()
-    return plans
-
-
-def _rows(curve: xarray.Dataset, plans: list[of.Filament]) -> list[dict[str, float]]:
+def _rows(curve: xarray.Dataset) -> list[dict[str, float]]:
     """One row a force: what was sampled, the chain that was run, and the exact answers, all in the units of the names."""
     continuous = np.asarray(wlc.extension_exact(FORCES, PERSISTENCE, CONTOUR, KT, stretch_modulus=MODULUS, finite=True))
     marko_siggia = np.asarray(wlc.extension_marko_siggia(FORCES, PERSISTENCE, CONTOUR, KT))
-    rows = []
-    for i, (force, filament) in enumerate(zip(FORCES, plans, strict=True)):
-        exact = exact_chain(filament, TEMPERATURE * unit.kelvin)
-        assert exact is not None
-        rows.append(
-            {
-                "force_pN": float(force),
-                "extension_nm": float(curve.extension[i]),
-                "extension_error_nm": float(curve.extension_error[i]),
-                "effective_samples": float(curve.effective_samples[i]),
-                "segments": exact.segments,
-                "bond_length_nm": exact.bond_length,
-                "bending_kJ_per_mol": float(exact.bending) * PN,
-                "stretching_kJ_per_mol_nm2": exact.stretching * PN,
-                "exact_discrete_nm": float(exact.extension(force)),
-                "exact_continuous_nm": float(continuous[i]),
-                "marko_siggia_nm": float(marko_siggia[i]),
-            }
-        )
-    return rows
+    columns = {
+        "force_pN": curve.force,
+        "extension_nm": curve.extension,
+        "extension_error_nm": curve.extension_error,
+        "effective_samples": curve.effective_samples,
+        "segments": curve.segments,
+        "bond_length_nm": curve.bond_length,
+        "bending_kJ_per_mol": curve.bending,
+        "stretching_kJ_per_mol_nm2": curve.stretching,
+        "exact_discrete_nm": curve.exact_discrete,
+        "exact_continuous_nm": continuous,
+        "marko_siggia_nm": marko_siggia,
+    }
+    return [{name: float(column[i]) for name, column in columns.items()} for i in range(len(FORCES))]
+
+
+def _model(curve: xarray.Dataset) -> of.Model:
+    """The model of the force whose trajectory is kept: what `topology.pdb` shows."""
+    filament = chain().filament(int(curve.segments[SHOWN]), TEMPERATURE * unit.kelvin)
+    return clamped_model(filament, float(FORCES[SHOWN]) * PN, 3, 1)
 
 
 def _table(rows: list[dict[str, float]]) -> Table:

@@ -56,3 +56,13 @@ SIGMAS = 4.0
 OPENCL = 1e-5
 """OpenCL in double precision against Reference, relative to the largest force. Measured: 4e-7; parameters of single
 elements are kept in single precision there."""
+SINGLE = 1.2e-7
+"""Coordinates of a DCD, of single precision in Angstrom, relative to the largest. The rounding of two conversions."""
+MDTRAJ = 3e-7
+"""End-to-end distances by mdtraj, differences of two such coordinates, relative to the largest. Measured: see the test."""
+EQUIPARTITION = 0.1
+"""Mean energy of a term over kT/2 an element, 300 starts of a stiff helix. Measured: 0.964 to 1.008."""
+SMALL_POPULATION = 0.02
+"""Extension of starts of a soft chain with bent joints at 80 pN against the exact one. Measured: 0.010."""
+CHI_SQUARED = 1e-3
+"""Probability of a sum of squared deviations as large (or as small) as the one found. Seeded: it does not vary."""

@@ -1,0 +1,221 @@
+"""A run that diverges is stopped, and the error says where, by which term and at which step; nothing good is lost."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openmm as mm
+import pytest
+import tolerances as tol
+from conftest import KJ, NM, Array
+from openmm import app, unit
+
+import openmm_filament as of
+from openmm_filament import bending, stretching, torsion
+from openmm_filament.divergence import DivergedError
+from openmm_filament.loads import Hold
+
+PS = unit.picosecond
+REFERENCE = mm.Platform.getPlatformByName("Reference")
+TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(20 * KJ), torsion.Harmonic(3 * KJ))
+NUMBER = r"[0-9.e+-]+"
+
+
+def helix(terms: Any = TERMS) -> of.Filament:
+    return of.Filament(of.shapes.helix(11, radius=2 * NM, pitch=3 * NM, turns=1.3), 10 * unit.dalton, terms)
+
+
+def wire() -> of.Filament:
+    terms = of.rod_terms(2e11 * unit.pascal, None, 0.5 * unit.millimeter, 5 * unit.centimeter)
+    return of.Filament(of.shapes.line(20, 5 * unit.centimeter), 0.3 * unit.gram, terms)
+
+
+def simulation(model: of.Model, over_limit: float) -> app.Simulation:
+    """From the rest shape, pushed a little, with a time step so many times the limit."""
+    dt = over_limit * model.to_internal(of.stable_timestep(model)).value_in_unit(PS)
+    made = app.Simulation(model.topology, model.system, mm.VerletIntegrator(dt), REFERENCE)
+    x = model.positions.value_in_unit(NM)
+    push = 1e-4 * np.random.default_rng(2).normal(size=x.shape)
+    push[model.held] = 0
+    made.context.setPositions((x + push) * NM)
+    return made
+
+
+def diverged(model: of.Model, reporter: Any, over_limit: float = 1.5, steps: int = 20_000) -> tuple[DivergedError, app.Simulation]:
+    run = simulation(model, over_limit)
+    run.reporters.append(reporter)
+    with pytest.raises(DivergedError) as caught:
+        run.step(steps)
+    return caught.value, run
+
+
+def lengths(x: Array) -> Array:
+    return np.linalg.norm(np.diff(x, axis=0), axis=-1)
+
+
+@pytest.fixture(params=["watch", "trajectory_reporter"])
+def reporter(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
+    """Makes the reporter of a model with an interval."""
+    if request.param == "watch":
+        return of.watch
+    return lambda model, interval: of.trajectory_reporter(model, tmp_path / "run.dcd", interval)
+
+
+@pytest.mark.parametrize("interval", [1, 50, 1000])
+def test_a_time_step_above_the_limit_stops_the_run(reporter: Any, interval: int) -> None:
+    error, run = diverged(of.build(helix(), [Hold(0)]), reporter(of.build(helix(), [Hold(0)]), interval))
+    assert isinstance(error, RuntimeError)
+    assert error.term in {"stretching", "bending", "torsion"}
+    assert 0 <= error.bead < 12
+    assert 1 <= error.step <= run.currentStep <= 20_000
+    last_good = error.last_good.value_in_unit(NM)
+    assert last_good.shape == (12, 3)
+    assert np.isfinite(last_good).all()
+
+
+def test_the_message_names_bead_term_lengths_angles_and_step(reporter: Any) -> None:
+    model = of.build(helix(), [Hold(0)])
+    error, _ = diverged(model, reporter(model, 100))
+    message = str(error)
+    limit = of.stable_timestep(model).value_in_unit(PS)
+    for part in (
+        rf"diverged at step {error.step} \(last good frame: step \d+\)",
+        rf"bead {error.bead} is not finite, by the force of {error.term}\.",
+        rf"from bead \d+ to \d+ the segment lengths were {NUMBER}(, {NUMBER})* nm",
+        rf"the bending angles {NUMBER}(, {NUMBER})* rad",
+        r"the torsions [0-9.e+,\s-]+ rad",
+        re.escape(f"The time step is {1.5 * limit:.6g} ps"),
+    ):
+        assert re.search(part, message), f"{part} not in {message}"
+    assert "nan" not in message.lower().replace("finite", "")
+
+
+def test_the_step_lies_between_the_last_good_frame_and_the_look_that_found_it() -> None:
+    model = of.build(helix())
+    every, _ = diverged(model, of.watch(model, 1))
+    late, run = diverged(model, of.watch(model, 500))
+    good = int(re.search(r"last good frame: step (\d+)", str(late)).group(1))
+    assert good % 500 == 0
+    assert good < late.step <= good + 500 == run.currentStep
+    assert late.step <= every.step + 1  # it is replayed step by step: as exact as looking at each
+
+
+def test_the_last_good_frame_is_that_of_the_last_look() -> None:
+    """As a run without the reporter has it at that step."""
+    model = of.build(helix())
+    error, _ = diverged(model, of.watch(model, 20))
+    good = int(re.search(r"last good frame: step (\d+)", str(error)).group(1))
+    again = simulation(model, 1.5)
+    again.step(good)
+    x = again.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(NM)
+    np.testing.assert_array_equal(error.last_good.value_in_unit(NM), x)
+
+
+def test_the_term_that_did_it_is_named() -> None:
+    """The stiff one of two. (Bending alone does not carry coordinates to infinity: its angles end at pi.)"""
+    model = of.build(helix((bending.Harmonic(1 * KJ), stretching.Harmonic(2000 * KJ / NM**2))))
+    error, _ = diverged(model, of.watch(model, 10))
+    assert error.term == "stretching"
+
+
+@pytest.mark.parametrize("make", [helix, lambda: wire()], ids=["nm", "scaled"])
+@pytest.mark.parametrize("interval", [1, 5, 1000])
+def test_the_last_good_frame_has_not_blown_up_already(make: Any, interval: int) -> None:
+    """Finite is not good: a chain a thousand times its length is lost, and does not fit the floats of a DCD."""
+    model = of.build(make(), [Hold(0)])
+    error, _ = diverged(model, of.watch(model, interval))
+    rest = model.to_physical(model.positions, "length").value_in_unit(NM)
+    assert np.ptp(error.last_good.value_in_unit(NM)) < 1e3 * np.ptp(rest)
+
+
+def test_a_term_that_is_not_finite_is_named() -> None:
+    """Three beads on a line under a dihedral: NaN from that term alone, about the middle of the three."""
+    model = of.build(helix())
+    run = simulation(model, 0.01)
+    x = model.positions.value_in_unit(NM).copy()
+    x[5] = [0.0, 0.0, 5.0]
+    x[4], x[6] = [0.0, 0.0, 4.0], [0.0, 0.0, 6.0]
+    run.context.setPositions(x * NM)
+    run.reporters.append(of.watch(model, 5))
+    with pytest.raises(DivergedError) as caught:
+        run.step(10)
+    assert caught.value.term == "torsion"
+    assert caught.value.step == 1
+    assert 3 <= caught.value.bead <= 7
+    np.testing.assert_array_equal(caught.value.last_good.value_in_unit(NM), x)
+
+
+def test_a_start_that_is_not_finite_is_refused_at_step_0() -> None:
+    model = of.build(helix())
+    run = simulation(model, 0.1)
+    x = model.positions.value_in_unit(NM).copy()
+    x[3] = np.nan
+    run.context.setPositions(x * NM)
+    run.reporters.append(of.watch(model, 5))
+    with pytest.raises(DivergedError, match="Bead 3 is not finite at step 0"):
+        run.step(10)
+
+
+def test_beads_are_named_within_their_filament() -> None:
+    chains = [helix(), helix((stretching.Harmonic(5000 * KJ / NM**2),))]
+    model = of.build(chains)
+    error, _ = diverged(model, of.watch(model, 10))
+    assert 12 <= error.bead < 24
+    assert f"bead {error.bead - 12} of filament 1" in str(error)
+
+
+def test_a_scaled_model_reports_physical_lengths_and_times() -> None:
+    model = of.build(wire(), [Hold(0)])
+    error, _ = diverged(model, of.watch(model, 5))
+    assert not model.scale.is_identity
+    assert np.ptp(error.last_good.value_in_unit(unit.meter)) > 0.5
+    said = re.search(rf"segment lengths were ({NUMBER})", str(error))
+    assert float(said.group(1)) > 1e6  # nm
+    dt = float(re.search(rf"The time step is ({NUMBER}) ps", str(error)).group(1))
+    assert dt == pytest.approx(1.5 * of.stable_timestep(model).value_in_unit(PS), rel=1e-5)
+
+
+def test_frames_before_are_kept_by_the_trajectory(tmp_path: Path) -> None:
+    model = of.build(helix())
+    error, run = diverged(model, of.trajectory_reporter(model, tmp_path / "run.dcd", 10))
+    run.reporters[0].close()
+    kept = of.load(tmp_path / "run.dcd")
+    good = int(re.search(r"last good frame: step (\d+)", str(error)).group(1))
+    assert kept.n_frames == good // 10 + 1
+    assert np.isfinite(kept.xyz).all()
+    x = error.last_good.value_in_unit(NM)
+    np.testing.assert_allclose(kept.xyz[-1], x, rtol=0, atol=tol.SINGLE * np.abs(x).max())
+
+
+def test_a_run_below_the_limit_is_left_alone(reporter: Any) -> None:
+    model = of.build(helix())
+    run = simulation(model, 0.5)
+    run.reporters.append(reporter(model, 50))
+    run.step(500)
+    watched = run.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(NM)
+    alone = simulation(model, 0.5)
+    alone.step(500)
+    np.testing.assert_array_equal(
+        watched, alone.context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(NM)
+    )
+
+
+def test_the_error_survives_pickling() -> None:
+    """As it must to come out of a worker process."""
+    model = of.build(helix())
+    error, _ = diverged(model, of.watch(model, 100))
+    for other in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
+        assert type(other) is DivergedError
+        assert (str(other), other.bead, other.term, other.step) == (str(error), error.bead, error.term, error.step)
+        np.testing.assert_array_equal(other.last_good.value_in_unit(NM), error.last_good.value_in_unit(NM))
+
+
+@pytest.mark.parametrize(("interval", "error"), [(0, ValueError), (-5, ValueError), (1.5, TypeError), (True, TypeError)])
+def test_bad_intervals_are_refused(interval: Any, error: type[Exception]) -> None:
+    with pytest.raises(error, match=rf"`interval` must be .* but is {interval}"):
+        of.watch(of.build(helix()), interval)
