@@ -132,11 +132,13 @@ def choose(
     fluctuation = _fluctuation(forces, continuous, exact, kt)
     ladder, biases = _survey(chain, temperature, forces, continuous, relative_error, length / lp)
     spread = _direction_variance(np.minimum(continuous / length, 0.999))
+    # the largest bias from a number of segments on: a sign change with few segments is no convergence
+    envelope = np.maximum.accumulate(np.abs(biases)[::-1])[::-1]
     counts = np.unique(np.round(np.geomspace(ladder[0], ladder[-1], 60)).astype(int))
     b = length / counts
     plans = []
     for column, (force, wanted) in enumerate(zip(forces, relative_error, strict=True)):
-        at = np.exp(np.interp(np.log(counts), np.log(ladder), np.log(np.abs(biases[:, column]) + 1e-12)))
+        at = np.exp(np.interp(np.log(counts), np.log(ladder), np.log(envelope[:, column] + 1e-12)))
         candidates = []
         for soft in _SOFTER if modulus is not None else (1.0,):
             run = soft * (modulus if modulus is not None else INEXTENSIBLE * kt * lp / length**2)
@@ -146,9 +148,7 @@ def choose(
             cost = np.maximum(samples, FEWEST_SAMPLES) * counts**2 * np.sqrt(4 * run + 16 * kt * lp / b**2)
             too_soft = (np.sqrt(kt / (run * b)) > _BOND_SPREAD) | (force > _BOND_STRAIN * run)
             cost[(bias >= _ENOUGH * wanted) | (too_soft & (soft < 1))] = math.inf
-            i = int(np.argmin(cost))
-            if cost[i] < math.inf:
-                candidates.append((float(cost[i]), int(counts[i]), soft))
+            candidates += [(float(c), int(n), soft) for c, n in zip(cost, counts, strict=True) if c < math.inf]
         tension = force * continuous[column] / length
         for _, count, soft in sorted(candidates):
             filament = _filament(chain, count, temperature, soft, tension)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 
 import numpy as np
 from openmm import unit
@@ -54,7 +55,9 @@ class Match(Enum):
     PERSISTENCE_LENGTH = "persistence_length"
     """The decay of tangent correlations: `<cos beta> = exp(-b/l_p)`."""
     END_TO_END = "end_to_end"
-    """The mean-square end-to-end distance without force, hence the response to small forces."""
+    """The mean square and mean fourth power of the end-to-end distance, hence the response to a small force and where it
+    bends off. Bonds are then somewhat shorter than L/segments, as a polygon inscribed in a curve is shorter than the
+    curve, and far fewer of them serve at small and moderate forces."""
 
 
 INEXTENSIBLE = 400.0
@@ -135,13 +138,11 @@ class WormlikeChain:
             k = INEXTENSIBLE * kt / b**2
         else:
             k = float(check.positive("stretch_modulus", units.number("stretch_modulus", modulus, "force"))) / b
-        pull = (
-            0.0 if tension is None else check.non_negative("tension", units.number("tension", tension, "force")).item()
-        )
-        own = (
-            math.inf if self.stretch_modulus is None else units.number("stretch_modulus", self.stretch_modulus, "force")
-        )
-        mean = b * (1 + pull / own)
+        pull, own = self._tension(tension)
+        lp = units.number("persistence_length", self.persistence_length, "length")
+        matched = check.one_of("match", match, tuple(Match)) is Match.END_TO_END
+        free = _inscribed_bond(length, lp, own, count, kt) if matched else b
+        mean = free * (1 + pull / own)
         # a tension f on a harmonic bond only moves its rest length, by f/k
         loaded = float(wlc.rest_length(mean, k, kt))
         rest_length = loaded - pull / k
@@ -150,8 +151,8 @@ class WormlikeChain:
                 f"Argument `stretch_modulus` must be well above the tension, but is {k * b / pull:.3g} times it."
             )
         # <s^2> = b0 <s> + 3 kT/k, integrating (s^3 exp(-k (s - b0)^2/2kT))' over all lengths
-        squared_bond = loaded * mean + 3 * kt / k - (mean**2 - b**2)
-        cosine = self._mean_cosine(count, b, squared_bond, check.one_of("match", match, tuple(Match)))
+        variance = loaded * mean + 3 * kt / k - mean**2
+        cosine = _cosine_of_end_to_end(length, lp, count, free, variance) if matched else math.exp(-b / lp)
         alpha = kt * wlc.bending_from_cosine(cosine)
         density = units.number("line_density", self.line_density, "line_density")
         masses = np.full(count + 1, density * b)
@@ -164,18 +165,50 @@ class WormlikeChain:
             ),
         )
 
-    def _mean_cosine(self, count: int, b: float, squared_bond: float, match: Match) -> float:
-        """`<cos beta>` of a free joint for `count` segments of mean length b and mean-square length `squared_bond`."""
-        lp = units.number("persistence_length", self.persistence_length, "length")
-        if match is Match.PERSISTENCE_LENGTH:
-            return math.exp(-b / lp)
-        wanted = wlc.mean_squared_end_to_end(lp, count * b)
+    def _tension(self, tension: unit.Quantity | None) -> tuple[float, float]:
+        """The tension and the chain's own stretch modulus (infinite where it has none), in kJ/mol/nm."""
+        pull = 0.0
+        if tension is not None:
+            pull = float(check.non_negative("tension", units.number("tension", tension, "force")))
+        if self.stretch_modulus is None:
+            return pull, math.inf
+        return pull, units.number("stretch_modulus", self.stretch_modulus, "force")
 
-        def excess(cosine: float) -> float:
-            rigid = wlc.mean_squared_end_to_end_discrete(count, b, cosine)
-            return float(rigid + count * (squared_bond - b**2) - wanted)
 
-        low, high = 0.01, 1 - 1e-6
-        if excess(low) > 0 or excess(high) < 0:
-            raise ValueError(f"Argument `segments` must be larger to match the end-to-end distance, but is {count}.")
-        return float(brentq(excess, low, high, xtol=1e-15, rtol=1e-13))
+def _cosine_of_end_to_end(length: float, lp: float, count: int, bond: float, variance: float) -> float:
+    """`<cos beta>` at which bonds of this mean length and variance have the continuous chain's `<R^2>`."""
+    wanted = wlc.mean_squared_end_to_end(lp, length)
+
+    def excess(cosine: float) -> float:
+        return float(wlc.mean_squared_end_to_end_discrete(count, bond, cosine)) + count * variance - wanted
+
+    low, high = 1e-3, 1 - 1e-7
+    if excess(low) > 0 or excess(high) < 0:
+        raise ValueError(f"Argument `segments` must be larger to match the end-to-end distance, but is {count}.")
+    return float(brentq(excess, low, high, xtol=1e-15, rtol=1e-13))
+
+
+@lru_cache(maxsize=256)
+def _inscribed_bond(length: float, lp: float, modulus: float, count: int, kt: float) -> float:
+    """Mean bond length at which a chain matched in `<R^2>` is matched in `<R^4>` too, by its extension at a force that
+    is small, 1.5 k_B T/R, where the fourth moment is what makes the first difference.
+    """
+    b = length / count
+    k = INEXTENSIBLE * kt / b**2 if math.isinf(modulus) else modulus / b
+    probe = 1.5 * kt / math.sqrt(wlc.mean_squared_end_to_end(lp, length))
+    stretch = None if math.isinf(modulus) else modulus
+    wanted = wlc.extension_exact(probe, lp, length, kt, stretch_modulus=stretch, finite=True)
+
+    def excess(mean: float) -> float:
+        rest = float(wlc.rest_length(mean, k, kt))
+        cosine = _cosine_of_end_to_end(length, lp, count, mean, rest * mean + 3 * kt / k - mean**2)
+        alpha = kt * float(wlc.bending_from_cosine(cosine))
+        found = wlc.extension_discrete(probe, segments=count, bond_length=rest, bending=alpha, kT=kt, stretching=k)
+        return float(found) / float(wanted) - 1
+
+    low = b * max(1 - 0.6 * b / (6 * lp), 0.8)
+    if excess(b) <= 0:  # segments so fine that the difference is rounding
+        return b
+    if excess(low) >= 0:
+        raise ValueError(f"Argument `segments` must be larger to match the end-to-end distance, but is {count}.")
+    return float(brentq(excess, low, b, xtol=1e-7 * b))

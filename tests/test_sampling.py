@@ -32,10 +32,13 @@ KT = of.units.BOLTZMANN * 298 / 0.602214076
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def filament(count: int = 8, alpha: float = 10.0, k: float = 150.0, beta: Any = None, form: Any = None) -> of.Filament:
+def filament(count: int = 8, alpha: float = 10.0, k: float = 150.0, beta: float | None = None, form: Any = None) -> of.Filament:
     """Bonds of 4 nm; alpha in kJ/mol, k in kJ/mol/nm^2."""
-    angle = form(alpha * KJ) if form else bending.Harmonic(alpha * KJ, beta)
-    return of.Filament(of.shapes.line(count, 4 * NM), 100 * unit.dalton, (stretching.Harmonic(k * KJ / NM**2), angle))
+    angle = form(alpha * KJ) if form else bending.Harmonic(alpha * KJ, None if beta is None else beta * unit.radian)
+    heading = (beta or 0.0) / 2 * (-1) ** np.arange(count)  # a zigzag with these bends
+    steps = 4 * np.stack([np.sin(heading), 0 * heading, np.cos(heading)], axis=-1)
+    rest = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    return of.Filament(rest[:, [2, 0, 1]] * NM, 100 * unit.dalton, (stretching.Harmonic(k * KJ / NM**2), angle))
 
 
 class InProcess:
@@ -65,7 +68,6 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sampling, "ProcessPoolExecutor", InProcess)
 
 
-RADIAN = unit.radian
 CURVES: dict[str, tuple[of.Filament, tuple[float, ...], int]] = {
     "4 segments": (filament(4), (0.5, 5.0, 40.0), 3),
     "soft": (filament(10, alpha=3.0), (0.5, 2.0, 20.0), 3),
@@ -73,10 +75,10 @@ CURVES: dict[str, tuple[of.Filament, tuple[float, ...], int]] = {
     "soft bonds": (filament(8, alpha=10.0, k=8.0), (1.0, 15.0), 3),
     "cosine": (filament(10, alpha=10.0, form=bending.Cosine), (0.5, 5.0), 3),
     "soft cosine": (filament(16, alpha=2.0, form=bending.Cosine), (2.0, 20.0), 3),
-    "bent": (filament(8, beta=0.8 * RADIAN), (1.0, 10.0), 3),
+    "bent": (filament(8, beta=0.8), (1.0, 10.0), 3),
     "planar": (filament(8), (0.5, 5.0), 2),
     "planar cosine": (filament(12, alpha=15.0, form=bending.Cosine), (0.5, 5.0), 2),
-    "planar, bent": (filament(6, alpha=5.0, beta=0.5 * RADIAN), (1.0, 10.0), 2),
+    "planar, bent": (filament(6, alpha=5.0, beta=0.5), (1.0, 10.0), 2),
     "24 segments": (filament(24, alpha=25.0), (5.0,), 3),
 }
 """Filament, forces in pN, dimension; in the plane, bent joints are soft enough to flip."""
@@ -107,11 +109,18 @@ def deviations(relative_error: float, seed: int, **options: Any) -> np.ndarray:
 
 
 def test_curves_are_those_of_the_exact_discrete_chains(in_process: None) -> None:
-    z = deviations(0.06, seed=3, processes=1)
-    print(z)
+    z = deviations(0.07, seed=3, processes=1)
     assert np.abs(z).max() <= tol.SIGMAS
     assert chi2.sf((z**2).sum(), len(z)) > tol.CHI_SQUARED
     assert chi2.cdf((z**2).sum(), len(z)) > tol.CHI_SQUARED  # error bars are not far too large either
+
+
+def test_a_straight_rest_shape_with_bent_joints_is_sampled_too(in_process: None) -> None:
+    """Where the rest shape is not at the minimum, nor smooth there: beta = 0 is the tip of a cone."""
+    terms = (stretching.Harmonic(150 * KJ / NM**2), bending.Harmonic(10 * KJ, 0.8 * unit.radian))
+    chain = of.Filament(of.shapes.line(8, 4 * NM), 100 * unit.dalton, terms)
+    curve = of.force_extension(chain, [5.0] * PN, WARM, 0.06, seed=1, processes=1)
+    assert np.abs((curve.extension - exact(chain, [5.0], 3)) / curve.extension_error).max() <= tol.SIGMAS
 
 
 @pytest.mark.slow
@@ -124,8 +133,8 @@ def test_curves_are_exact_to_a_per_cent() -> None:
 
 def test_a_wrong_stiffness_would_be_noticed(in_process: None) -> None:
     """A chain 30 % stiffer than said is far off at the errors asked for."""
-    curve = of.force_extension(filament(10, alpha=13.0), [0.5, 2.0] * PN, WARM, 0.03, seed=1, processes=1)
-    z = (curve.extension - exact(filament(10, alpha=10.0), [0.5, 2.0], 3)) / curve.extension_error
+    curve = of.force_extension(filament(10, alpha=13.0), [2.0, 4.0] * PN, WARM, 0.02, seed=1, processes=1)
+    z = (curve.extension - exact(filament(10, alpha=10.0), [2.0, 4.0], 3)) / curve.extension_error
     assert np.abs(z).max() > tol.SIGMAS
 
 
@@ -168,7 +177,7 @@ def test_the_dataset_says_what_was_done(in_process: None) -> None:
     assert reports[-1].finished == 2
     assert reports[-1].fraction == pytest.approx(1)
     assert all(0 < report.fraction <= 1 for report in reports)
-    assert {report.force for report in reports} == {pytest.approx(2.0), pytest.approx(10.0)}
+    assert sorted({round(report.force, 9) for report in reports}) == [2.0, 10.0]
 
 
 def test_a_single_force_and_other_units_are_taken(in_process: None) -> None:
@@ -179,6 +188,15 @@ def test_a_single_force_and_other_units_are_taken(in_process: None) -> None:
 
 
 # Seeds, processes and blocks ----------------------------------------------------------------------------------------
+
+
+def test_a_seed_gives_the_same_numbers_however_a_planar_run_is_cut(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shorter blocks, as on another machine's pool: the noise goes on where it stopped."""
+    curves = []
+    for size in (2e7, 3e3):
+        monkeypatch.setattr(sampling, "_BLOCK_BEAD_STEPS", size)
+        curves.append(of.force_extension(filament(6), 3 * PN, WARM, 0.2, seed=2, dimension=2, processes=1))
+    np.testing.assert_array_equal(curves[0].extension, curves[1].extension)
 
 
 def test_a_seed_gives_the_same_numbers_with_one_process_and_with_two(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,7 +296,7 @@ def test_keeping_a_trajectory_changes_no_number(in_process: None, tmp_path: Path
 # Ctrl-C -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("after", [1, 6])
+@pytest.mark.parametrize("after", [1, 9])
 def test_ctrl_c_keeps_what_is_done(in_process: None, after: int, tmp_path: Path) -> None:
     seen: list[Progress] = []
 
@@ -293,9 +311,9 @@ def test_ctrl_c_keeps_what_is_done(in_process: None, after: int, tmp_path: Path)
     assert curve.attrs["interrupted"] == 1
     assert not curve.finished.all()
     assert curve.extension.shape == (2,)
-    assert np.isfinite(curve.extension).any() == (after >= 4)
-    assert of.load(tmp_path / "run.dcd").n_frames >= 0 if after >= 4 else True
-    if after >= 4:
+    if after > 1:
+        assert np.isfinite(curve.extension).any()
+        assert of.load(tmp_path / "run.dcd").n_frames >= 20
         done = np.isfinite(curve.extension)
         z = (curve.extension - exact(filament(10), [0.3, 5.0], 3)) / curve.extension_error
         assert (np.abs(z[done]) < 6).all()
