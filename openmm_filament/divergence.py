@@ -11,6 +11,7 @@ from openmm import app, unit
 
 from openmm_filament import _checks as check
 from openmm_filament import units
+from openmm_filament.evaluation import internal_positions
 from openmm_filament.geometry import bending_angles, dihedrals
 from openmm_filament.inspection import describe_bead
 from openmm_filament.model import Model
@@ -19,6 +20,9 @@ from openmm_filament.timestep import highest_frequency
 __all__ = ["DivergedError", "Watch", "check_heat", "diagnose", "watch"]
 
 Array = NDArray[np.float64]
+
+_FAR = 1e3
+"""Extent over that of the rest positions that only a run gone wrong reaches."""
 
 _REPLAY = 2000
 """At most so many single steps are repeated from the last good frame to find the step at which a run diverged."""
@@ -77,13 +81,20 @@ class Watch:
     def look(self, simulation: app.Simulation, state: mm.State) -> Array:
         """The positions (N, 3) of the state in internal units if they are finite; raises DivergedError otherwise."""
         positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
-        if np.isfinite(positions).all():
+        if not _has_left(self._model, positions):
             velocities = units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity")
             if (thermostat := getattr(simulation.integrator, "getTemperature", None)) is not None:
                 check_heat(self._model, state, thermostat().value_in_unit(unit.kelvin), simulation.currentStep)
             self._good = positions, velocities, simulation.currentStep
             return positions
         raise diagnose(self._model, simulation.context, positions, simulation.currentStep, self._good)
+
+
+def _has_left(model: Model, positions: Array) -> bool:
+    """Whether beads are not finite, or spread further than any motion would take them."""
+    if not np.isfinite(positions).all():
+        return True
+    return bool(np.ptp(positions, axis=0).max() > _FAR * np.ptp(internal_positions(model), axis=0).max())
 
 
 def check_heat(model: Model, state: mm.State, temperature: float, step: int) -> None:
@@ -116,7 +127,7 @@ def diagnose(
 
     The steps since are repeated one by one to find where it happened; the Context is left where that ends.
     """
-    first = int(np.argmax(~np.isfinite(bad).all(axis=1)))
+    first = int(np.argmax(~np.isfinite(bad).all(axis=1)))  # 0 where all are finite
     if good is None:
         nothing = model.to_physical(np.full(bad.shape, np.nan), "length")
         return DivergedError(
@@ -127,9 +138,10 @@ def diagnose(
             nothing,
         )
     kept, velocities, since = good
-    limit = 2.0 / highest_frequency(model, kept)
+    limit = _limit(model, kept)
     before, at = _replay(model, context, kept, velocities, since, step)
     term, bead = _culprit(model, context, before)
+    context.setStepCount(step)
     dt = context.getIntegrator().getStepSize().value_in_unit(unit.picosecond)
     to_ps = model.scale.factor("time")
     message = (
@@ -146,15 +158,23 @@ def _replay(
     """Positions at the last step before the run diverged, and the step at which it did."""
     context.setPositions(positions)
     context.setVelocities(velocities)
-    span = float(np.ptp(positions, axis=0).max())
     before = positions
     for at in range(since + 1, min(step, since + _REPLAY) + 1):
         context.getIntegrator().step(1)
         after = units.numbers("positions", context.getState(positions=True).getPositions(asNumpy=True), "length")
-        if not np.isfinite(after).all() or np.abs(after - positions).max() > 1e3 * span:
+        if _has_left(model, after):
             return before, at
         before = after
     return before, step
+
+
+def _limit(model: Model, positions: Array) -> float:
+    """The stability limit in internal units; NaN at positions where a term does not exist."""
+    try:
+        with np.errstate(all="ignore"):
+            return 2.0 / highest_frequency(model, positions)
+    except (ValueError, np.linalg.LinAlgError):
+        return np.nan
 
 
 def _culprit(model: Model, context: mm.Context, positions: Array) -> tuple[str, int]:

@@ -33,8 +33,8 @@ _NEARLY_COLLINEAR = 1e-3
 _MUCH_TOO_SHORT = 1e-4
 """Time step over the limit below which a scaled model was probably given a physical time step."""
 
-_TOO_HOT = 10.0
-"""k_B T over the stretching energy k b^2 above which a chain cannot keep its shape."""
+_TOO_HOT = 0.5
+"""k_B T over the stretching energy k b^2 above which bonds, fluctuating by 70 % of their length, do not make a chain."""
 
 
 class PreflightError(ValueError):
@@ -103,12 +103,12 @@ def preflight(
     )
 
 
-def describe_bead(model: Model, bead: int) -> str:
-    """A bead of the model in words: "bead 3", or "bead 3 of filament 1" where there are several."""
-    if len(model.filaments) == 1:
-        return f"bead {bead}"
-    filament = int(np.searchsorted(model.starts, bead, side="right")) - 1
-    return f"bead {bead - model.starts[filament]} of filament {filament}"
+def describe_bead(model: Model, *beads: int) -> str:
+    """Beads of one filament in words: "bead 3", "beads 3, 4 and 5", with "of filament 1" where there are several."""
+    filament = int(np.searchsorted(model.starts, beads[0], side="right")) - 1
+    local = [str(bead - model.starts[filament]) for bead in beads]
+    named = f"bead {local[0]}" if len(local) == 1 else f"beads {', '.join(local[:-1])} and {local[-1]}"
+    return named if len(model.filaments) == 1 else f"{named} of filament {filament}"
 
 
 def _context_positions(model: Model, context: mm.Context) -> Array:
@@ -130,7 +130,7 @@ def _check_positions(model: Model, x: Array) -> None:
         lengths = np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=-1)
         if (lengths == 0).any():
             i, j = pairs[int(np.argmin(lengths))]
-            raise PreflightError(f"Neighbours must not coincide, but {describe_bead(model, i)} and bead {j} do.")
+            raise PreflightError(f"Neighbours must not coincide, but {describe_bead(model, i, j)} do.")
         if interaction.term.needs_bends:
             _check_bends(model, interaction, x)
 
@@ -143,7 +143,7 @@ def _check_bends(model: Model, interaction: Interaction, x: Array) -> None:
         if not len(sine) or (smallest := float(sine.min())) >= _NEARLY_COLLINEAR:
             continue
         i, j, k = (int(b) for b in beads[int(np.argmin(sine))])
-        where = f"beads {i}, {j} and {k} (sin of the bending angle {smallest:.3g})"
+        where = f"{describe_bead(model, i, j, k)} (sin of the bending angle {smallest:.3g})"
         if smallest < COLLINEAR:
             raise PreflightError(
                 f"Beads under torsion.{interaction.term.__name__} must not be collinear, but {where} are: use torsion.Weighted."

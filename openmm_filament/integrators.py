@@ -105,7 +105,7 @@ def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.I
     Raises
     ------
     ValueError
-        If a damping rate is so large that gamma dt >= 2, where the step is unstable.
+        If a damping rate is so large that `(omega dt)^2 + 2 gamma dt >= 4`, where the step is unstable.
     """
     dt = _step(model, timestep, _MECHANICAL_STEP)
     rates = [
@@ -113,11 +113,12 @@ def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.I
         for filament in model.filaments
     ]
     gamma = np.concatenate(rates) / model.scale.factor("rate")
-    if (gamma * dt >= 2).any():
-        worst = int(np.argmax(gamma))
+    worst = int(np.argmax(gamma))
+    swing = highest_frequency(model, internal_positions(model)) * dt
+    if gamma[worst] and swing**2 + 2 * gamma[worst] * dt >= 4:
         raise ValueError(
-            f"Argument `damping` must stay below 2/dt for Euler-Cromer, but bead {worst} has damping x time step = "
-            f"{gamma[worst] * dt:.3g}."
+            f"Argument `damping` must keep 2 gamma dt below 4 - (omega dt)^2 = {4 - swing**2:.3g} for Euler-Cromer, but "
+            f"bead {worst} has 2 gamma dt = {2 * gamma[worst] * dt:.3g}: take a shorter time step."
         )
     integrator = mm.CustomIntegrator(dt)
     integrator.addUpdateContextState()

@@ -14,11 +14,15 @@ from scipy.linalg import eigvalsh_tridiagonal
 from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.evaluation import internal_positions
+from openmm_filament.geometry import bending_angles
 from openmm_filament.model import Model
 
 __all__ = ["highest_frequency", "slow_frequency", "stable_timestep"]
 
 Array = NDArray[np.float64]
+
+_STRAIGHT = 1e-3
+"""Bending angle in rad taken for straight beside a bent rest angle."""
 
 _DENSE = 24
 """Degrees of freedom up to which the Hessian is formed whole."""
@@ -45,6 +49,7 @@ def stable_timestep(model: Model, positions: unit.Quantity | None = None) -> uni
 
 def highest_frequency(model: Model, positions: Array) -> float:
     """omega_max in internal units at internal positions (N, 3)."""
+    positions = _off_the_cones(model, positions)
     masses = model.masses
     free = np.ones(positions.shape, dtype=bool)
     free[model.held] = False
@@ -73,6 +78,23 @@ def highest_frequency(model: Model, positions: Array) -> float:
     if not largest > 0:
         raise ValueError("Argument `model` must resist some displacement to have a stable time step, but does not.")
     return math.sqrt(largest)
+
+
+def _off_the_cones(model: Model, positions: Array) -> Array:
+    """Positions moved by a hundredth of a segment where a joint is straight but would rest bent.
+
+    There the energy has a cone, and no second derivative; beside it the stiffest mode is as anywhere near.
+    """
+    for interaction in model.interactions:
+        bent = interaction.parameters.get("beta0")
+        if bent is None or not (bent > _STRAIGHT).any():
+            continue
+        triples = positions[interaction.beads[bent > _STRAIGHT]]
+        if bending_angles(triples).min() < _STRAIGHT:
+            length = np.linalg.norm(np.diff(triples, axis=1), axis=-1).min()
+            aside: Array = np.random.default_rng(0).normal(size=positions.shape)
+            return positions + 0.01 * float(length) * aside
+    return positions
 
 
 def _forces(model: Model, positions: Array) -> Array:

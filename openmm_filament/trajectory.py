@@ -134,7 +134,7 @@ def load(path: str | os.PathLike[str]) -> mdtraj.Trajectory:
     FileNotFoundError
         If the DCD or its sidecar is missing.
     ValueError
-        If the sidecar holds fewer times than the DCD frames.
+        If frames but the last have no time in the sidecar.
     """
     import mdtraj
 
@@ -145,8 +145,10 @@ def load(path: str | os.PathLike[str]) -> mdtraj.Trajectory:
             raise FileNotFoundError(
                 f"Argument `path` must name a trajectory with its sidecar, but {file} does not exist."
             )
-    header, *frames = (json.loads(line) for line in sidecar.read_text().splitlines())
+    header, *frames = _entries(sidecar)
     trajectory = mdtraj.load_dcd(str(dcd), top=str(dcd.parent / header["topology"]))
+    if len(frames) == trajectory.n_frames - 1:  # a run was stopped between writing the frame and its time
+        trajectory = trajectory[:-1]
     if len(frames) < trajectory.n_frames:
         raise ValueError(
             f"Argument `path` must have a time for each of {trajectory.n_frames} frames, but has {len(frames)}."
@@ -154,3 +156,9 @@ def load(path: str | os.PathLike[str]) -> mdtraj.Trajectory:
     trajectory.xyz *= header["scale"]["length_nm"]
     trajectory.time = np.array([frame["time_ps"] for frame in frames[: trajectory.n_frames]])
     return trajectory
+
+
+def _entries(sidecar: Path) -> list[dict[str, Any]]:
+    """The lines of a sidecar; a last one that was cut off in writing is left out."""
+    lines = sidecar.read_text().split("\n")
+    return [json.loads(line) for line in lines[:-1]]

@@ -46,6 +46,7 @@ _NOISE = 1e-15  # rounding of a message after a Legendre transform, relative to 
 _TOLERANCE = 1e-8  # what is promised of an extension
 _TINY = 1e-300
 _LARGEST = 8000  # nodes of a planar message: a matrix of half a gigabyte
+_MOST_HARMONICS = 2400  # of a spatial message: three matrices of 46 megabytes
 
 
 # --- helpers shared with wlc.py -----------------------------------------------------------------------------------
@@ -313,7 +314,7 @@ def mean_squared_end_to_end_discrete(segments: int, bond_length: float, mean_cos
 # --- the chain: transfer operators --------------------------------------------------------------------------------
 
 
-@functools.lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=4)
 def _legendre_basis(size: int) -> tuple[Floats, Floats, Floats]:
     """Nodes and weights in cos(theta), and the orthonormal Legendre polynomials on them, (nodes, modes)."""
     nodes, weights = _gauss(size)
@@ -434,6 +435,10 @@ class _Spatial:
         # 1/g' = 1/(g + curvature) + 1/stiffness, or the bound g' = stiffness where joints are bent.
         g = stiffest if joints[:, 1].any() else curvature * (math.sqrt(0.25 + stiffest / max(curvature, 1e-12)) - 0.5)
         self.size = 16 * math.ceil(refine * (24 + 8.3 * math.sqrt(min(g, stiffest) + curvature)) / 16)
+        if self.size > _MOST_HARMONICS:
+            raise check.fail(
+                "force", f"be weaker: this chain would need {self.size} harmonics, at most", _MOST_HARMONICS
+            )
         self.cosines, self.weights, self.polynomials = _legendre_basis(self.size)
         self.projection = np.ascontiguousarray((self.polynomials * self.weights[:, None]).T)
         distinct, self.which = np.unique(joints, axis=0, return_inverse=True)

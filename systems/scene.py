@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -70,7 +71,16 @@ class Summary:
             "checks": [{**asdict(check), "passed": check.passed} for check in self.checks],
             "findings": list(self.findings),
         }
-        (folder / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=True) + "\n")
+        (folder / "summary.json").write_text(json.dumps(_without_nan(content), indent=2, allow_nan=False) + "\n")
+
+
+def _without_nan(value: Any) -> Any:
+    """The same content with null for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _without_nan(entry) for name, entry in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextmanager
@@ -119,4 +129,5 @@ def _replace(output: Path, draft: Path) -> None:
     except OSError:
         aside.rename(output)
         raise
-    shutil.rmtree(aside.parent)
+    finally:
+        shutil.rmtree(aside.parent, ignore_errors=True)

@@ -46,7 +46,9 @@ def simulation(model: of.Model, over_limit: float) -> app.Simulation:
     return made
 
 
-def diverged(model: of.Model, reporter: Any, over_limit: float = 1.5, steps: int = 20_000) -> tuple[DivergedError, app.Simulation]:
+def diverged(
+    model: of.Model, reporter: Any, over_limit: float = 1.5, steps: int = 20_000
+) -> tuple[DivergedError, app.Simulation]:
     run = simulation(model, over_limit)
     run.reporters.append(reporter)
     with pytest.raises(DivergedError) as caught:
@@ -123,7 +125,7 @@ def test_the_term_that_did_it_is_named() -> None:
     assert error.term == "stretching"
 
 
-@pytest.mark.parametrize("make", [helix, lambda: wire()], ids=["nm", "scaled"])
+@pytest.mark.parametrize("make", [helix, wire], ids=["nm", "scaled"])
 @pytest.mark.parametrize("interval", [1, 5, 1000])
 def test_the_last_good_frame_has_not_blown_up_already(make: Any, interval: int) -> None:
     """Finite is not good: a chain a thousand times its length is lost, and does not fit the floats of a DCD."""
@@ -215,7 +217,9 @@ def test_the_error_survives_pickling() -> None:
         np.testing.assert_array_equal(other.last_good.value_in_unit(NM), error.last_good.value_in_unit(NM))
 
 
-@pytest.mark.parametrize(("interval", "error"), [(0, ValueError), (-5, ValueError), (1.5, TypeError), (True, TypeError)])
+@pytest.mark.parametrize(
+    ("interval", "error"), [(0, ValueError), (-5, ValueError), (1.5, TypeError), (True, TypeError)]
+)
 def test_bad_intervals_are_refused(interval: Any, error: type[Exception]) -> None:
     with pytest.raises(error, match=rf"`interval` must be .* but is {interval}"):
         of.watch(of.build(helix()), interval)

@@ -50,9 +50,7 @@ def exact_forces(energy: Callable[[list], mp.mpf], x: Array) -> Array:
     """Minus the gradient of `energy` at the very doubles of `x`, by differences in 50 digits."""
     with mp.workdps(50):
         r = [mp.mpf(float(c)) for c in x.ravel()]
-        gradient = [
-            mp.diff(lambda c, i=i: energy([*r[:i], c, *r[i + 1 :]]), r[i]) for i in range(len(r))
-        ]
+        gradient = [mp.diff(lambda c, i=i: energy([*r[:i], c, *r[i + 1 :]]), r[i]) for i in range(len(r))]
         return -np.array([float(g) for g in gradient]).reshape(x.shape)
 
 

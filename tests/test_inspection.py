@@ -185,7 +185,8 @@ def test_a_time_step_above_the_limit_is_refused_with_both_numbers() -> None:
 
 def test_the_limit_is_that_of_the_positions_of_the_context() -> None:
     """Shorter segments make bending stiffer."""
-    model = of.build(of.Filament(of.shapes.line(9, 1 * NM), 1 * unit.dalton, (stretching.Harmonic(1 * KJ / NM**2), bending.Cosine(90 * KJ))))
+    terms = (stretching.Harmonic(1 * KJ / NM**2), bending.Cosine(90 * KJ))
+    model = of.build(of.Filament(of.shapes.line(9, 1 * NM), 1 * unit.dalton, terms))
     integrator = mm.VerletIntegrator(0.9 * of.stable_timestep(model).value_in_unit(PS))
     with pytest.raises(PreflightError, match="stability limit"):
         of.preflight(model, context(model, 0.5 * internal(model), integrator))
@@ -195,7 +196,9 @@ def test_a_physical_time_step_on_a_scaled_model_is_caught() -> None:
     """1 fs and 1 us, written as OpenMM users do, are far too short or long in internal units."""
     model = wire()
     second = of.stable_timestep(model).value_in_unit(unit.second)
-    with pytest.warns(PreflightWarning, match=r"The time step is \S+ of the stability limit; this model runs in scaled units"):
+    with pytest.warns(
+        PreflightWarning, match=r"The time step is \S+ of the stability limit; this model runs in scaled units"
+    ):
         of.preflight(model, context(model, integrator=mm.VerletIntegrator(1e-15 / second * 1e-3)))
     with pytest.raises(PreflightError, match=r"stability limit .*scaled units .*model\.to_internal"):
         of.preflight(model, context(model, integrator=mm.VerletIntegrator(0.1 * second * unit.second)))
@@ -234,7 +237,8 @@ def test_a_stiffness_changed_by_hand_is_refused(factor: float) -> None:
     force.setBondParameters(4, i, j, values)
     x = 1.03 * internal(model)
     with pytest.raises(
-        PreflightError, match=r"Forces of stretching must agree .* but differ by \S+ at bead [45] on Reference in double"
+        PreflightError,
+        match=r"Forces of stretching must agree .* but differ by \S+ at bead [45] on Reference in double",
     ):
         of.preflight(model, context(model, x))
 
@@ -244,7 +248,9 @@ def test_a_removed_bend_is_refused_with_the_angles(rng: np.random.Generator) -> 
     force = model.system.getForce(1)
     force.setAngleParameters(3, 0, 1, 2, force.getAngleParameters(3)[3])
     x = internal(model) + 0.02 * rng.normal(size=(12, 3))
-    with pytest.raises(PreflightError, match=r"Forces of bending must agree .* with bending angles from \S+ to \S+ rad"):
+    with pytest.raises(
+        PreflightError, match=r"Forces of bending must agree .* with bending angles from \S+ to \S+ rad"
+    ):
         of.preflight(model, context(model, x))
 
 
@@ -263,7 +269,9 @@ def test_the_force_tolerance_can_be_set() -> None:
 
 def test_openmms_floor_under_short_segments_is_refused() -> None:
     """Segments of 0.01 nm at 1e-3 rad: OpenMM's bending force is ten times too small. A scale keeps `build` from it."""
-    filament = of.Filament(of.shapes.line(6, 0.01 * NM), 10 * unit.dalton, (stretching.Harmonic(1e4 * KJ / NM**2), TERMS[1]))
+    filament = of.Filament(
+        of.shapes.line(6, 0.01 * NM), 10 * unit.dalton, (stretching.Harmonic(1e4 * KJ / NM**2), TERMS[1])
+    )
     model = of.build(filament)
     assert not model.scale.is_identity
     x = internal(model)
@@ -301,7 +309,7 @@ def test_a_context_of_another_system_is_refused() -> None:
 def test_a_context_without_positions_is_refused() -> None:
     model = of.build(helix())
     made = mm.Context(model.system, of.verlet(model), REFERENCE)
-    with pytest.raises((PreflightError, mm.OpenMMException), match="[Pp]ositions|coincide"):
+    with pytest.raises((PreflightError, mm.OpenMMException), match=r"[Pp]ositions|coincide"):
         of.preflight(model, made)
 
 

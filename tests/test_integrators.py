@@ -37,7 +37,9 @@ def helix(damping: Any = None, beads: int = 12, masses: Any = 10 * unit.dalton) 
     return of.Filament(rest, masses, TERMS, damping=damping)
 
 
-def context(model: of.Model, integrator: mm.Integrator, positions: Array, velocities: Array | None = None) -> mm.Context:
+def context(
+    model: of.Model, integrator: mm.Integrator, positions: Array, velocities: Array | None = None
+) -> mm.Context:
     made = mm.Context(model.system, integrator, REFERENCE)
     made.setPositions(positions * NM)
     if velocities is not None:
@@ -215,7 +217,9 @@ def test_held_beads_do_not_move(make: Callable[[of.Model], Any], plane: bool, rn
 @pytest.mark.parametrize("plane", [False, True])
 def test_langevin_has_the_temperature_asked_for(plane: bool) -> None:
     """Mean square stretch of 400 free springs, `k_B T/k` but for the d - 1 directions across; seeded, |z| <= 4."""
-    spring = of.Filament(of.shapes.ring(3, 50 * NM).in_units_of(NM)[:2], 10 * unit.dalton, (stretching.Harmonic(40 * KJ / NM**2),))
+    spring = of.Filament(
+        of.shapes.ring(3, 50 * NM).in_units_of(NM)[:2], 10 * unit.dalton, (stretching.Harmonic(40 * KJ / NM**2),)
+    )
     loads = [[Plane()] if plane else []] * 400
     model = of.build([spring] * 400, loads)
     integrator = of.langevin(model, WARM, friction=3 / PS, seed=5)
@@ -235,7 +239,7 @@ def test_langevin_has_the_temperature_asked_for(plane: bool) -> None:
 
 @pytest.mark.parametrize("stiffness", [0.1, 4.0, 300.0])
 def test_default_options_of_langevin_are_sane(stiffness: float) -> None:
-    """The time step is a fraction of the limit and no longer for softer joints; friction is that of a slow mode."""
+    """The time step is a fraction of the limit; friction is that of a slow mode."""
     terms = (TERMS[0], bending.Harmonic(stiffness * KJ))
     model = of.build(of.Filament(of.shapes.line(30, 1 * NM), 10 * unit.dalton, terms), [Hold(0)])
     limit = of.stable_timestep(model).value_in_unit(PS)
@@ -248,15 +252,6 @@ def test_default_options_of_langevin_are_sane(stiffness: float) -> None:
     assert 1e-4 * stretching_frequency < friction < 0.1 * stretching_frequency
 
 
-def test_softer_joints_get_a_shorter_fraction_of_the_limit() -> None:
-    fractions = []
-    for stiffness in (0.1, 4.0, 300.0):
-        terms = (TERMS[0], bending.Harmonic(stiffness * KJ))
-        model = of.build(of.Filament(of.shapes.line(30, 1 * NM), 10 * unit.dalton, terms))
-        fractions.append(of.langevin(model, WARM).getStepSize() / of.stable_timestep(model))
-    assert fractions == sorted(fractions)
-
-
 @each_integrator
 def test_default_time_steps_are_stable_and_below_the_limit(make: Callable[[of.Model], Any]) -> None:
     model = of.build(helix())
@@ -265,9 +260,8 @@ def test_default_time_steps_are_stable_and_below_the_limit(make: Callable[[of.Mo
 
 def test_given_options_are_kept_and_converted_for_a_scaled_model() -> None:
     """A chain of centimetres: internal units hold what was given physically."""
-    filament = of.Filament(
-        of.shapes.line(10, 1 * unit.centimeter), 1 * unit.gram, of.rod_terms(1e9 * unit.pascal, None, 1 * unit.millimeter, 1 * unit.centimeter)
-    )  # fmt: skip
+    terms = of.rod_terms(1e9 * unit.pascal, None, 1 * unit.millimeter, 1 * unit.centimeter)
+    filament = of.Filament(of.shapes.line(10, 1 * unit.centimeter), 1 * unit.gram, terms)
     model = of.build(filament, [Hold(0)])
     dt = of.stable_timestep(model) / 4
     integrator = of.langevin(model, WARM, timestep=dt, friction=7 / unit.second, seed=9)
@@ -308,9 +302,15 @@ def test_a_time_step_above_the_limit_is_refused(make: Callable[..., Any]) -> Non
     model = of.build(helix())
     limit = of.stable_timestep(model)
     assert make(model, timestep=0.999 * limit).getStepSize() / limit == pytest.approx(0.999)
-    with pytest.raises(ValueError, match=r"`timestep` must be at most the stability limit of \S+ ps, but is \S+ ps\.") as caught:
+    with pytest.raises(
+        ValueError, match=r"`timestep` must be at most the stability limit of \S+ ps, but is \S+ ps\."
+    ) as caught:
         make(model, timestep=1.01 * limit)
-    said = [float(word) for word in str(caught.value).replace(" ps", "").rstrip(".").replace(",", "").split() if word[0].isdigit()]
+    said = [
+        float(word)
+        for word in str(caught.value).replace(" ps", "").rstrip(".").replace(",", "").split()
+        if word[0].isdigit()
+    ]
     np.testing.assert_allclose(said, [limit.value_in_unit(PS), 1.01 * limit.value_in_unit(PS)], rtol=1e-5)
 
 
@@ -336,7 +336,7 @@ def test_damping_too_large_for_the_step_is_refused() -> None:
     gamma = np.full(12, 0.1)
     gamma[7] = 250.0
     model = of.build(helix(gamma / PS))
-    with pytest.raises(ValueError, match=r"`damping` must stay below 2/dt .* bead 7 has damping x time step = 2\.5\."):
+    with pytest.raises(ValueError, match=r"`damping` must keep 2 gamma dt below .* bead 7 has 2 gamma dt = 5"):
         of.euler_cromer(model, timestep=0.01 * PS)
     of.euler_cromer(model, timestep=0.007 * PS)
 
@@ -360,7 +360,7 @@ def test_a_damped_step_beyond_its_limit_is_refused() -> None:
     undamped = of.stable_timestep(of.build(helix()))
     gamma = 1 / undamped  # gamma dt = 0.9 there: omega^2 dt^2 = 3.24 > 4 - 1.8
     model = of.build(helix(gamma))
-    with pytest.raises(ValueError, match="time ?step|damping"):
+    with pytest.raises(ValueError, match=r"time ?step|damping"):
         of.euler_cromer(model, timestep=0.9 * undamped)
 
 

@@ -157,9 +157,11 @@ def test_single_precision_with_tiny_angles_is_refused_or_warned_of(opencl: mm.Pl
     model = of.build(chain(12))
     x = model.positions.value_in_unit(NM).copy()
     x[:, 0] = size * np.sin(np.arange(12.0))
-    with pytest.raises((PreflightError, PreflightWarning), match="OpenCL in single precision"), warnings.catch_warnings():
+    single = opencl_context(model, opencl, "single", x * NM)
+    with warnings.catch_warnings():
         warnings.simplefilter("error")
-        of.preflight(model, opencl_context(model, opencl, "single", x * NM))
+        with pytest.raises((PreflightError, PreflightWarning), match="OpenCL in single precision"):
+            of.preflight(model, single)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         of.preflight(model, opencl_context(model, opencl, "double", x * NM))

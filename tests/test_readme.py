@@ -20,7 +20,11 @@ def test_the_readme_holds_scripts():
 def test_a_script_of_the_readme_runs_as_printed(script, tmp_path):
     run = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", "-c", script],
-        cwd=tmp_path, capture_output=True, text=True, timeout=200, env=dict(os.environ),
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=200,
+        env=dict(os.environ),
     )
     assert run.returncode == 0, run.stderr
     assert run.stdout.strip()

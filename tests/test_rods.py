@@ -90,7 +90,9 @@ def test_a_steel_wire_is_accepted_in_metres() -> None:
     """By hand: E = 200 GPa, R = 0.5 mm, l0 = 1 cm: k = E S/l0 = 1.5708e7 N/m, alpha = E I/l0 = 0.98175 N m."""
     stretch, bend = of.rod_terms(2e11 * unit.pascal, None, 0.5 * unit.millimeter, 1 * unit.centimeter)
     newton_per_metre = unit.joule / unit.meter**2
-    assert (stretch.stiffness / unit.AVOGADRO_CONSTANT_NA).value_in_unit(newton_per_metre) == pytest.approx(1.570796e7, rel=1e-6)
+    assert (stretch.stiffness / unit.AVOGADRO_CONSTANT_NA).value_in_unit(newton_per_metre) == pytest.approx(
+        1.570796e7, rel=1e-6
+    )
     assert (bend.stiffness / unit.AVOGADRO_CONSTANT_NA).value_in_unit(unit.joule) == pytest.approx(0.9817477, rel=1e-6)
 
 
@@ -114,13 +116,26 @@ def test_rest_values_of_a_rod_are_those_of_the_rest_shape() -> None:
         ({"shear_modulus": -1e9 * unit.pascal}, ValueError, "`shear_modulus` must be positive, but is -"),
         ({"radius": -2 * NM}, ValueError, r"`radius` must be positive, but is -2\.0"),
         ({"segment_length": math.nan * NM}, ValueError, "`segment_length` must be finite, but is nan"),
-        ({"youngs_modulus": 1e9}, TypeError, r"`youngs_modulus` must be a Quantity of pressure .* but is 1000000000\.0"),
+        (
+            {"youngs_modulus": 1e9},
+            TypeError,
+            r"`youngs_modulus` must be a Quantity of pressure .* but is 1000000000\.0",
+        ),
         ({"radius": 1 * PN}, TypeError, "`radius` must have a unit of length .* but has piconewton"),
-        ({"segment_length": [1.0, 2.0] * NM}, ValueError, r"`segment_length` must have shape \(\), but has shape \(2,\)"),
+        (
+            {"segment_length": [1.0, 2.0] * NM},
+            ValueError,
+            r"`segment_length` must have shape \(\), but has shape \(2,\)",
+        ),
     ],
 )
 def test_bad_rods_are_refused(change: dict[str, Any], error: type[Exception], message: str) -> None:
-    good = {"youngs_modulus": 1e9 * unit.pascal, "shear_modulus": 4e8 * unit.pascal, "radius": 1 * NM, "segment_length": 2 * NM}
+    good = {
+        "youngs_modulus": 1e9 * unit.pascal,
+        "shear_modulus": 4e8 * unit.pascal,
+        "radius": 1 * NM,
+        "segment_length": 2 * NM,
+    }
     with pytest.raises(error, match=message):
         of.rod_terms(**{**good, **change})
 
@@ -157,7 +172,9 @@ def test_softer_bonds_under_tension_have_the_mean_length_of_the_stiff_chain(
     filament = chain().filament(count, WARM, stretch_modulus=softer * PN, tension=tension * PN)
     k, b0, _ = numbers(filament)
     assert k == pytest.approx(softer * PICONEWTON / b, rel=tol.SI)
-    assert moment(1, b0 + tension * PICONEWTON / k, k / KT) == pytest.approx(b * (1 + tension / 1000), rel=tol.QUADRATURE)
+    assert moment(1, b0 + tension * PICONEWTON / k, k / KT) == pytest.approx(
+        b * (1 + tension / 1000), rel=tol.QUADRATURE
+    )
 
 
 @pytest.mark.parametrize("modulus", [None, 300 * PN, 1000 * PN])
@@ -197,7 +214,11 @@ def test_a_chain_without_stretch_modulus_has_bonds_that_hardly_stretch() -> None
     [
         ({"contour_length": -1 * NM}, ValueError, r"`contour_length` must be positive, but is -1\.0"),
         ({"persistence_length": 0 * NM}, ValueError, r"`persistence_length` must be positive, but is 0\.0"),
-        ({"persistence_length": 53}, TypeError, "`persistence_length` must be a Quantity of length .* but is 53 without"),
+        (
+            {"persistence_length": 53},
+            TypeError,
+            "`persistence_length` must be a Quantity of length .* but is 53 without",
+        ),
         ({"stretch_modulus": 1000 * PN / NM}, TypeError, "`stretch_modulus` must have a unit of force"),
         ({"stretch_modulus": -5 * PN}, ValueError, "`stretch_modulus` must be positive, but is -"),
         ({"line_density": 650 * unit.dalton}, TypeError, "`line_density` must have a unit of line_density"),

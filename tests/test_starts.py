@@ -30,7 +30,9 @@ def filament(count: int = 12, k: float = 200.0, alpha: float = 8.0, beta: Any = 
 
 def helix(*extra: Any, count: int = 14) -> of.Filament:
     rest = of.shapes.helix(count, radius=2 * NM, pitch=3 * NM, turns=1.6)
-    return of.Filament(rest, 10 * unit.dalton, (stretching.Harmonic(5000 * KJ / NM**2), bending.Harmonic(500 * KJ), *extra))
+    return of.Filament(
+        rest, 10 * unit.dalton, (stretching.Harmonic(5000 * KJ / NM**2), bending.Harmonic(500 * KJ), *extra)
+    )
 
 
 def starts(chain: of.Filament, force: float, count: int, dimension: int = 3, seed: int = 1) -> Array:
@@ -153,7 +155,8 @@ def test_a_term_that_couples_bends_and_torsions_is_taken_into_account() -> None:
     """`torsion.Weighted` enters by weights alone: its mean energy against direct sampling of two free joints."""
     chain = of.Filament(
         of.shapes.helix(3, radius=2 * NM, pitch=3 * NM, turns=0.4), 10 * unit.dalton,
-        (stretching.Harmonic(5000 * KJ / NM**2), bending.Harmonic(6 * KJ, 0.8 * unit.radian), torsion.Weighted(6 * KJ, 1.0 * unit.radian)),
+        (stretching.Harmonic(5000 * KJ / NM**2), bending.Harmonic(6 * KJ, 0.8 * unit.radian),
+         torsion.Weighted(6 * KJ, 1.0 * unit.radian)),
     )  # fmt: skip
     weighted = chain.interactions()[2]
     found = np.array([weighted.energy(one) for one in starts(chain, 0.0, 1000)])

@@ -50,7 +50,11 @@ class Recorder:
     def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
         if not self.frames:
             self.report(simulation, simulation.context.getState(positions=True))
-        return {"steps": self.interval - simulation.currentStep % self.interval, "periodic": None, "include": ["positions"]}
+        return {
+            "steps": self.interval - simulation.currentStep % self.interval,
+            "periodic": None,
+            "include": ["positions"],
+        }
 
     def report(self, simulation: app.Simulation, state: mm.State) -> None:
         x = state.getPositions(asNumpy=True).value_in_unit(NM)
@@ -93,7 +97,7 @@ def test_the_example_of_the_package_runs_as_it_stands(tmp_path: Path, monkeypatc
         of.preflight(model, simulation.context)
         simulation.reporters.append(of.trajectory_reporter(model, "dna.dcd", 1000))
         simulation.step(10_000)
-    """  # noqa: E501
+    """
     names: dict[str, Any] = {}
     exec(textwrap.dedent(example), names)
     back = of.load("dna.dcd")
@@ -114,7 +118,8 @@ def test_frames_times_and_lengths_come_back(make: Any, tmp_path: Path) -> None:
     times = [model.to_physical(t, "time").value_in_unit(PS) for _, t, _ in frames]
     np.testing.assert_allclose(back.time, times, rtol=tol.ROUNDING)
     assert back.time[0] == 0
-    assert back.time[1] == pytest.approx(30 * model.to_physical(simulation(model).integrator.getStepSize(), "time").value_in_unit(PS))
+    dt = model.to_physical(simulation(model).integrator.getStepSize(), "time").value_in_unit(PS)
+    assert back.time[1] == pytest.approx(30 * dt)
     for k, (_, _, x) in enumerate(frames):
         physical = model.to_physical(x, "length").value_in_unit(NM)
         np.testing.assert_allclose(back.xyz[k], physical, rtol=0, atol=tol.SINGLE * np.abs(physical).max())

@@ -59,7 +59,7 @@ elements are kept in single precision there."""
 SINGLE = 1.2e-7
 """Coordinates of a DCD, of single precision in Angstrom, relative to the largest. The rounding of two conversions."""
 MDTRAJ = 3e-7
-"""End-to-end distances by mdtraj, differences of two such coordinates, relative to the largest. Measured: see the test."""
+"""End-to-end distances by mdtraj, differences of two such coordinates, relative to the largest."""
 EQUIPARTITION = 0.1
 """Mean energy of a term over kT/2 an element, 300 starts of a stiff helix. Measured: 0.964 to 1.008."""
 SMALL_POPULATION = 0.02

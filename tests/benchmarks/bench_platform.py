@@ -47,8 +47,8 @@ def main() -> None:
         pairs = [(seconds(mine, 5000), seconds(own, 300)) for _ in range(ROUNDS)]
         a, b = (1e6 * median(side) for side in zip(*pairs, strict=True))
         ratio = median(y / x for x, y in pairs)
-        names = (made.getPlatform().getName() for made in (mine, own))
-        print("{:5d}   {:10s} {:9.2f}   {:12s} {:9.2f}   {:.1f}".format(beads, next(names), a, next(names), b, ratio))
+        chosen, default = (made.getPlatform().getName() for made in (mine, own))
+        print(f"{beads:5d}   {chosen:10s} {a:9.2f}   {default:12s} {b:9.2f}   {ratio:.1f}")
 
 
 if __name__ == "__main__":

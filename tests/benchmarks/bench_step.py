@@ -78,7 +78,9 @@ def main() -> None:
             pairs = [tuple(seconds(made, steps) for made in both) for _ in range(ROUNDS)]
             mine, hand = (1e9 * median(side) / beads for side in zip(*pairs, strict=True))
             ratio = median(a / b for a, b in pairs)
-            print(f"{beads:5d}   {'yes' if torsion else 'no ':3s}       {mine:8.1f}               {hand:8.1f}   {ratio:.2f}")
+            print(
+                f"{beads:5d}   {'yes' if torsion else 'no ':3s}       {mine:8.1f}               {hand:8.1f}   {ratio:.2f}"
+            )
 
 
 if __name__ == "__main__":
