@@ -48,11 +48,11 @@ def finite(name: str, value: ArrayLike) -> NDArray[np.float64]:
     return values
 
 
-def positive(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def positive(name: str, value: ArrayLike, *, unit: str = "") -> NDArray[np.float64]:
     """A finite float array above zero everywhere."""
     values = finite(name, value)
     if (bad := values <= 0).any():
-        raise fail(name, "be positive", _first(values, bad))
+        raise fail(name, "be positive", f"{_first(values, bad)} {unit}".rstrip())
     return values
 
 

@@ -18,7 +18,7 @@ from openmm import unit
 from openmm_filament import units
 from openmm_filament.divergence import check_heat, diagnose
 from openmm_filament.filament import Filament
-from openmm_filament.integrators import langevin
+from openmm_filament.integrators import internal_langevin
 from openmm_filament.loads import Hold, Load, Plane, Pull
 from openmm_filament.model import Model, build
 from openmm_filament.platforms import platform_properties
@@ -55,11 +55,14 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class BlockResult:
-    """Extensions (replicas, samples) in nm, replica 0's frames (samples, N, 3) in internal units or None, the
-    checkpoint to go on from, and the wall time spent in seconds.
+    """What a block sampled.
+
+    Extensions (replicas, samples) in nm; replica 0's shape (N, 3) at step 0 and its frames (samples, N, 3), in internal
+    units, where they are kept; the checkpoint to go on from; and the wall time spent, in seconds.
     """
 
     extensions: Array
+    start: NDArray[np.float32] | None
     frames: NDArray[np.float32] | None
     checkpoint: bytes
     seconds: float
@@ -90,17 +93,21 @@ def run_block(block: Block) -> BlockResult:
     begun = time.perf_counter()
     model = clamped_model(block.filament, block.force, block.dimension, block.replicas)
     temperature = block.temperature * unit.kelvin
-    integrator = langevin(
+    heat = block.temperature / model.scale.factor("temperature")
+    integrator = internal_langevin(
         model,
-        temperature,
-        timestep=block.timestep * unit.picosecond,
-        friction=block.friction / unit.picosecond,
-        seed=block.seed,
+        heat,
+        block.friction / model.scale.factor("rate"),
+        block.timestep / model.scale.factor("time"),
+        block.seed,
     )
     platform = mm.Platform.getPlatformByName(block.platform)
     context = mm.Context(model.system, integrator, platform, platform_properties(model, platform, temperature))
+    start = None
     if block.checkpoint is None:
         _begin(block, model, context)
+        if block.keep_frames:
+            start = _positions(context.getState(positions=True))[: len(block.filament)].astype(np.float32)
         integrator.step(block.warm_up)
     else:
         context.loadCheckpoint(block.checkpoint)
@@ -119,9 +126,9 @@ def run_block(block: Block) -> BlockResult:
             frames[sample] = chains[0]
         if not np.isfinite(extensions[:, sample]).all():
             raise diagnose(model, context, positions, (sample + 1) * block.stride, good)
-    heat = block.temperature / model.scale.factor("temperature")
+    checkpoint = context.createCheckpoint()  # before the energy, which draws from a CustomIntegrator's random stream
     check_heat(model, context.getState(positions=True, energy=True), heat, block.samples * block.stride)
-    return BlockResult(extensions * model.scale.length, frames, context.createCheckpoint(), time.perf_counter() - begun)
+    return BlockResult(extensions * model.scale.length, start, frames, checkpoint, time.perf_counter() - begun)
 
 
 def _positions(state: mm.State) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -170,14 +171,20 @@ def _survey(
     """Numbers of segments, and biases (numbers, forces) of the chains with them, until the wanted errors are met."""
     ladder: list[int] = []
     rows: list[Array] = []
+    refused: ValueError | None = None
     for count in dict.fromkeys(max(round(n * lengths / 19), 4) for n in _LADDER):
         try:
             rows.append(_bias_of(_filament(chain, count, temperature), temperature, forces, continuous))
-        except ValueError:  # segments too long for this chain's end-to-end distance
+        except ValueError as error:  # segments too long, or bonds too soft, for this chain
+            refused = error
             continue
         ladder.append(count)
         if (np.abs(rows[-1]) < 0.3 * wanted).all():
             break
+    if not ladder:
+        raise ValueError(
+            "Argument `chain` must allow some number of segments, but none of those tried serves."
+        ) from refused
     return np.array(ladder), np.array(rows)
 
 
@@ -197,15 +204,13 @@ def _filament(
     chain: WormlikeChain, segments: int, temperature: unit.Quantity, soft: float = 1.0, tension: float = 0.0
 ) -> Filament:
     """The chain in so many segments, with bonds softer by a factor under a tension in pN."""
-    if soft == 1.0 or chain.stretch_modulus is None:
-        return chain.filament(segments, temperature, match=Match.END_TO_END)
-    return chain.filament(
-        segments,
-        temperature,
-        match=Match.END_TO_END,
-        stretch_modulus=soft * chain.stretch_modulus,
-        tension=tension * unit.piconewton,
-    )
+    make = partial(chain.filament, segments, temperature)
+    if soft != 1.0 and chain.stretch_modulus is not None:
+        make = partial(make, stretch_modulus=soft * chain.stretch_modulus, tension=tension * unit.piconewton)
+    try:
+        return make(match=Match.END_TO_END)
+    except ValueError:  # a chain much shorter than its persistence length has an end-to-end distance like a rod's
+        return make(match=Match.PERSISTENCE_LENGTH)
 
 
 def _bias_of(filament: Filament, temperature: unit.Quantity, force: Any, continuous: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,6 +85,8 @@ class Filament:
             raise TypeError(
                 f"Argument `terms` must be a tuple of terms, but is one {_name(terms)}: write ({_name(terms)}(...),)."
             )
+        if not isinstance(terms, Iterable):
+            raise TypeError(f"Argument `terms` must be a tuple of terms, but is {terms!r}.")
         for term in (terms := tuple(terms)):
             if not isinstance(term, Term):
                 raise TypeError(

@@ -30,7 +30,7 @@ _FORCE_TOLERANCE = 1e-3
 _NEARLY_COLLINEAR = 1e-3
 """sin(beta) below which the torsion force, growing as 1/sin(beta), is warned of."""
 
-_MUCH_TOO_SHORT = 1e-4
+_MUCH_TOO_SHORT = 0.03
 """Time step over the limit below which a scaled model was probably given a physical time step."""
 
 _TOO_HOT = 0.5
@@ -172,13 +172,13 @@ def _check_integrator(model: Model, integrator: Any, limit: float) -> float:
         )
     temperature = getattr(integrator, "getTemperature", None)
     stretching = [i for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
-    if temperature is not None and stretching:
+    if temperature is not None and stretching and not model.scale.is_identity:
         kt = units.BOLTZMANN * temperature().value_in_unit(unit.kelvin)
         stored = min(float((i.parameters["k"] * i.parameters["r0"] ** 2).min()) for i in stretching)
         if kt > _TOO_HOT * stored:
-            hint = "" if model.scale.is_identity else _scaled_hint(model)
             raise PreflightError(
-                f"k_B T must be small against the stretching energy k b^2, but is {kt / stored:.3g} times it{hint}."
+                f"k_B T must be small against the stretching energy k b^2, but is {kt / stored:.3g} times it"
+                f"{_scaled_hint(model)}."
             )
     return float(step)
 

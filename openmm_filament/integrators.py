@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from functools import partial
 from typing import Any
 
@@ -13,11 +14,12 @@ from openmm import unit
 from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.evaluation import internal_positions
+from openmm_filament.filament import sines
 from openmm_filament.model import Model
 from openmm_filament.starts import equilibrium_starts
 from openmm_filament.timestep import highest_frequency, slow_frequency
 
-__all__ = ["FRICTION", "euler_cromer", "langevin", "verlet"]
+__all__ = ["FRICTION", "euler_cromer", "internal_langevin", "langevin", "verlet"]
 
 _LANGEVIN_STEP = 0.35
 """Default time step of `langevin` over the limit.
@@ -35,6 +37,12 @@ _THERMAL_SHAPES = 8
 """Shapes in equilibrium among which the stiffest sets the time step of a chain with torsion: with 2 nm segments, a
 bending stiffness of 80 k_B T and a torsion of 40, their limits were 0.70 to 0.87 of that of the rest shape, and runs at 0.45
 of the latter heated up without bound."""
+
+_RING_STEP = 0.5
+"""Part of the limit of a ring's rest shape taken for that of its thermal shapes, which are not drawn."""
+
+_LINED_UP = 0.05
+"""sin(beta) at which a thermal joint under a dihedral is warned of."""
 
 _MECHANICAL_STEP = 0.1
 """Default time step of `verlet` and `euler_cromer` over the limit; frequencies are then off by 1/600 at the stiffest mode
@@ -77,10 +85,19 @@ def langevin(
         if friction is None
         else _internal(model, "friction", friction, "rate")
     )
-    make = partial(_planar_langevin, model) if model.planar else mm.LangevinMiddleIntegrator
-    integrator = make(internal, rate, dt)
     if seed is not None:
-        integrator.setRandomNumberSeed(check.integer("seed", seed, low=1, high=2**31 - 1))
+        check.integer("seed", seed, low=1, high=2**31 - 1)
+    return internal_langevin(model, internal, rate, dt, seed)
+
+
+def internal_langevin(
+    model: Model, temperature: float, friction: float, timestep: float, seed: int | None
+) -> mm.Integrator:
+    """The integrator of `langevin` for numbers in internal units, which are not checked again."""
+    make = partial(_planar_langevin, model) if model.planar else mm.LangevinMiddleIntegrator
+    integrator = make(temperature, friction, timestep)
+    if seed is not None:
+        integrator.setRandomNumberSeed(seed)
     return integrator
 
 
@@ -146,13 +163,25 @@ def _thermal_step(model: Model, kelvin: float) -> float:
 def _thermal_limit(model: Model, kelvin: float) -> float:
     """The smallest stability limit, internal, among some shapes in equilibrium: torsion is stiffer where beads line up."""
     if any(filament.closed for filament in model.filaments):
-        return math.inf
+        return _RING_STEP * 2.0 / highest_frequency(model, internal_positions(model))
     rng = np.random.default_rng(0)
-    limits = []
+    limits, smallest = [], math.inf
     for _ in range(_THERMAL_SHAPES):
-        shapes = {id(f): equilibrium_starts(f, 0.0, kelvin, 1, rng)[0] for f in model.filaments}
-        together = np.concatenate([shapes[id(f)] for f in model.filaments])
-        limits.append(2.0 / highest_frequency(model, together / model.scale.length))
+        shapes = []
+        for filament, load in zip(model.filaments, model.loads, strict=True):
+            pull = float(np.linalg.norm(sum(load.pulls.values(), np.zeros(3))))
+            shapes.append(equilibrium_starts(filament, pull, kelvin, 1, rng)[0])
+            if any(term.needs_bends for term in filament.terms):
+                smallest = min(smallest, float(sines(shapes[-1]).min()))
+        limits.append(2.0 / highest_frequency(model, np.concatenate(shapes) / model.scale.length))
+    if smallest < _LINED_UP:
+        warnings.warn(
+            f"Three beads under a dihedral come into line in thermal motion (sin of the bending angle {smallest:.2g} "
+            f"among {_THERMAL_SHAPES} shapes), where its force grows as one over that sine: no time step is short enough "
+            "for good. Take torsion.Weighted, which is smooth there, or stiffer or more bent joints.",
+            UserWarning,
+            stacklevel=4,
+        )
     return min(limits)
 
 

@@ -135,11 +135,12 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
         For loads that do not match the filaments, an index out of range, and a held bead that is also pulled.
     """
     single = isinstance(filaments, Filament)
-    if not single and not (isinstance(filaments, Sequence) and all(isinstance(chain, Filament) for chain in filaments)):
+    chains: tuple[Any, ...] = (filaments,) if single else tuple(filaments) if isinstance(filaments, Sequence) else ()
+    if not chains or not all(isinstance(chain, Filament) for chain in chains):
         raise TypeError(f"Argument `filaments` must be a Filament or a sequence of them, but is {filaments!r}.")
-    chains: tuple[Filament, ...] = (filaments,) if isinstance(filaments, Filament) else tuple(filaments)
-    if not chains:
-        raise ValueError("Argument `filaments` must hold at least one filament, but is empty.")
+    if isinstance(loads, Load):
+        name = type(loads).__name__
+        raise TypeError(f"Argument `loads` must be a sequence of loads, but is one {name}: write [{name}(...)].")
     if not isinstance(loads, Sequence):
         raise TypeError(f"Argument `loads` must be a sequence, such as [Hold(0)], but is {loads!r}.")
     given = (loads,) if single else tuple(loads) if len(loads) else ((),) * len(chains)

@@ -148,6 +148,13 @@ class _Point:
         for run in self.runs:
             run.wanted = wanted
 
+    def stop(self) -> None:
+        """Estimate from what there is, after an interruption: the runs that have come furthest."""
+        if not self.finished:
+            self.runs = [run for run in self.runs if run.done >= _FIRST_ROUND] or self.runs
+            if (have := min(run.done for run in self.runs)) >= _FIRST_ROUND:
+                self._estimate(have)
+
     def _estimate(self, have: int) -> None:
         from arviz_stats.base import array_stats
 
@@ -174,6 +181,7 @@ def force_extension(
     *,
     seed: int = 1,
     dimension: int = 3,
+    timestep: unit.Quantity | None = None,
     processes: int | None = None,
     platform: str = "Reference",
     trajectories: Mapping[int, str | os.PathLike[str]] | None = None,
@@ -198,6 +206,8 @@ def force_extension(
         Of starts and noise. On Reference the same seed gives the same numbers whatever the number of processes.
     dimension : int
         3, or 2 for chains confined to a plane (a `Filament` alone).
+    timestep : Quantity, optional
+        By default that of `langevin` for each chain.
     processes : int, optional
         Worker processes; by default one for each core that this process may use.
     platform : str
@@ -226,7 +236,7 @@ def force_extension(
     DivergedError
         If a coordinate is not finite, or a run far hotter than its thermostat.
     """
-    values = check.positive("forces", np.atleast_1d(units.numbers("forces", forces, "force"))) / PN
+    values = check.positive("forces", np.atleast_1d(units.numbers("forces", forces, "force")) / PN, unit="pN")
     check.shape("forces", values, (None,))
     if not len(values):
         raise ValueError("Argument `forces` must hold at least one force, but is empty.")
@@ -242,7 +252,7 @@ def force_extension(
     workers = _workers(processes)
     paths = {check.integer("trajectories", i, low=0, high=len(values) - 1): p for i, p in (trajectories or {}).items()}
 
-    points = _points(chain, values, kelvin, wanted, seed, dimension, platform, paths, overwrite)
+    points = _points(chain, values, kelvin, wanted, seed, dimension, platform, paths, overwrite, timestep)
     interrupted = _sample(points, workers, progress)
     for point in points:
         if point.writer is not None:
@@ -273,6 +283,7 @@ def _points(
     platform: str,
     paths: Mapping[int, str | os.PathLike[str]],
     overwrite: bool,
+    timestep: unit.Quantity | None,
 ) -> list[_Point]:
     temperature = kelvin * unit.kelvin
     if isinstance(chain, WormlikeChain):
@@ -289,7 +300,7 @@ def _points(
     points = []
     for i, ((filament, bias), force) in enumerate(zip(plans, forces, strict=True)):
         model = clamped_model(filament, force * PN, dimension, 1)
-        integrator: Any = langevin(model, temperature)
+        integrator: Any = langevin(model, temperature, timestep=timestep)
         rate = slow_frequency(model, kelvin / model.scale.factor("temperature"))
         dt = integrator.getStepSize().value_in_unit(unit.picosecond)
         stride = max(1, round(_SAMPLE_TIME / rate / dt))
@@ -351,15 +362,22 @@ def _sample(points: Sequence[_Point], workers: int, progress: Callable[[Progress
                     if progress is not None:
                         progress(_progress(points, point, time.perf_counter() - begun))
         except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for point in points:
-                if not point.finished:
-                    point.end_round()
+            pool.shutdown(wait=True, cancel_futures=True)
+            _harvest(points, pending)
             return True
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return False
+
+
+def _harvest(points: Sequence[_Point], pending: Mapping[Future[BlockResult], tuple[_Point, _Run]]) -> None:
+    """Take what the workers had still finished, and estimate from what there is."""
+    for future, (point, run) in pending.items():
+        if future.done() and not future.cancelled() and future.exception() is None:
+            _take(point, run, future.result())
+    for point in points:
+        point.stop()
 
 
 def _begin_worker() -> None:
@@ -378,10 +396,14 @@ def _begin_worker() -> None:
 def _take(point: _Point, run: _Run, result: BlockResult) -> None:
     if point.writer is not None and result.frames is not None:
         dt = run.block.timestep
+        if result.start is not None:
+            axis = 2 if run.block.dimension == 3 else 0
+            span = float(result.start[-1, axis] - result.start[0, axis])
+            point.writer.write(result.start, 0, 0.0, extension_nm=span * point.writer.length_nm)
         for frame, extension in zip(result.frames, result.extensions[0], strict=True):
             point.frames += 1
             step = run.block.warm_up + point.frames * run.block.stride
-            point.writer.write(frame, step, step * dt, extension_nm=float(extension))
+            point.writer.write(frame, step, step * dt / point.writer.time_ps, extension_nm=float(extension))
     run.extensions.append(result.extensions)
     run.block = replace(run.block, checkpoint=result.checkpoint)
 
@@ -396,13 +418,18 @@ def _progress(points: Sequence[_Point], point: _Point, elapsed: float) -> Progre
 
 @contextmanager
 def _main_hidden() -> Iterator[None]:
-    """While worker processes start, so that they do not import the caller's script, which may lack a __main__ guard."""
+    """While worker processes start: they do not import the caller's script, which may lack a __main__ guard, and inherit
+    a mask that leaves Ctrl-C to the parent.
+    """
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
     try:
         yield
     finally:
         sys.modules["__main__"] = main
+        if blocked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def _dataset(

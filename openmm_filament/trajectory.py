@@ -44,7 +44,10 @@ class TrajectoryWriter:
 
     def __init__(self, model: Model, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         self._model = model
+        self.length_nm, self.time_ps = model.scale.length, model.scale.factor("time")
         self.path = Path(path)
+        if not self.path.parent.is_dir():
+            raise FileNotFoundError(f"Argument `path` must lie in a folder that exists, but {path} does not.")
         if self.path.suffix != ".dcd":
             raise check.fail("path", "end in .dcd", str(path))
         pdb = self.path.with_name(self.path.stem.replace("trajectory", "topology") + ".pdb")
@@ -61,7 +64,7 @@ class TrajectoryWriter:
         self._dcd = app.DCDFile(self._dcd_file, model.topology, 1.0 * unit.picosecond)
         self._say(_header(model, os.path.relpath(pdb, self.path.parent)))
 
-    def write(self, positions: Array, step: int, time: float, **more: float) -> None:
+    def write(self, positions: NDArray[np.floating], step: int, time: float, **more: float) -> None:
         """Append a frame: internal positions (N, 3), its step and internal time; `more` goes into the sidecar."""
         self._dcd.writeModel(positions * unit.nanometer)
         self._dcd_file.flush()

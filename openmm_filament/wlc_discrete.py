@@ -46,6 +46,7 @@ _NOISE = 1e-15  # rounding of a message after a Legendre transform, relative to 
 _TOLERANCE = 1e-8  # what is promised of an extension
 _TINY = 1e-300
 _LARGEST = 8000  # nodes of a planar message: a matrix of half a gigabyte
+_BATCH = 48  # forces that travel along the chain together
 _MOST_HARMONICS = 2400  # of a spatial message: three matrices of 46 megabytes
 
 
@@ -623,7 +624,13 @@ def extension_discrete(
         dimension=dimension,
     )
     values = check.non_negative("force", force)
-    return scalar_or_array(_extension(values, chain) if values.size else values)
+    flat = values.ravel()
+    result = np.empty_like(flat)
+    order = np.argsort(flat)  # forces of a kind together: the strongest of a batch sets the number of nodes for all
+    for start in range(0, len(flat), _BATCH):
+        batch = order[start : start + _BATCH]
+        result[batch] = _extension(flat[batch], chain)
+    return scalar_or_array(result.reshape(values.shape))
 
 
 def force_discrete(

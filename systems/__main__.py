@@ -14,34 +14,43 @@ SYSTEMS = {"dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; 0 if every exact check passed, 1 if one failed, 2 for bad arguments, 130 after Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="python -m systems", description="Run a system of elastic filaments.")
+    given = sys.argv[1:] if arguments is None else arguments
+    name = next((a for a in given if not a.startswith("-")), None)
+    parser = argparse.ArgumentParser(
+        prog="python -m systems", description="Run a system of elastic filaments.", allow_abbrev=False
+    )
     parser.add_argument("name", nargs="?", help="the system; without one they are listed")
     parser.add_argument("--output", type=Path, help="folder for the results: new, or empty")
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace results in the folder when the new ones are complete"
-    )
+    parser.add_argument("--overwrite", action="store_true", help="replace results in the folder by complete new ones")
     parser.add_argument("--quick", action="store_true", help="the same checks with larger error bars, in under 20 s")
     parser.add_argument("--seed", type=int, default=1, help="of the noise (default 1)")
-    known, rest = parser.parse_known_args(arguments)
+    system = import_module(f"systems.{name}") if name in SYSTEMS else None
+    if system is not None:
+        system.options(parser.add_argument_group(f"options of {name}"))
+    known, _ = parser.parse_known_args(given)
     if known.name is None:
-        for name, what in SYSTEMS.items():
-            print(f"{name:24s} {what}")
+        parser.parse_args(given)
+        for entry, what in SYSTEMS.items():
+            print(f"{entry:24s} {what}")
         return 0
-    if known.name not in SYSTEMS:
+    if system is None or known.name != name:
         parser.error(f"Argument `name` must be one of {', '.join(SYSTEMS)}, but is {known.name}.")
-    if known.output is None:
+    options = parser.parse_args(given)
+    if options.output is None:
         parser.error("Argument `--output` must name a folder for the results, but is missing.")
-    system = import_module(f"systems.{known.name}")
-    more = system.options(argparse.ArgumentParser(prog=f"python -m systems {known.name}")).parse_args(rest)
     try:
-        with fresh_folder(known.output.absolute(), overwrite=known.overwrite) as folder:
-            code: int = system.run(folder, quick=known.quick, seed=known.seed, options=more)
+        with fresh_folder(options.output.absolute(), overwrite=options.overwrite) as draft:
+            code: int = system.run(draft.folder, quick=options.quick, seed=options.seed, options=options)
+            place = draft.settle(complete=code == 0)
     except OutputError as error:
         parser.error(str(error))
     except (ValueError, TypeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    print(f"Results in {known.output}")
+    except KeyboardInterrupt:
+        print("interrupted: nothing was sampled yet", file=sys.stderr)
+        return 130
+    print(f"Results in {place}")
     return code
 
 

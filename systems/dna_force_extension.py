@@ -41,8 +41,8 @@ Z_LIMIT = 4.0
 """Standard errors by which one of a dozen points may miss the exact discrete chain: chance does so once in 1300 runs."""
 
 
-def options(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """The system's own command-line options."""
+def options(parser: argparse._ArgumentGroup) -> None:
+    """Add the system's own command-line options."""
     parser.add_argument(
         "--relative-error",
         type=float,
@@ -52,7 +52,6 @@ def options(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     )
     parser.add_argument("--processes", type=int, help="worker processes; by default one a core")
     parser.add_argument("--all-trajectories", action="store_true", help="keep a trajectory at every force")
-    return parser
 
 
 def wanted_errors(relative_error: float | None, *, quick: bool) -> np.ndarray:
@@ -181,8 +180,16 @@ def _rows(curve: xarray.Dataset) -> list[dict[str, float]]:
 
 
 def _model(curve: xarray.Dataset) -> of.Model:
-    """The model of the force whose trajectory is kept: what `topology.pdb` shows."""
-    filament = chain().filament(int(curve.segments[SHOWN]), TEMPERATURE * unit.kelvin)
+    """The chain that was run at the force whose trajectory is kept (masses aside)."""
+    kj = unit.kilojoule_per_mole
+    filament = of.Filament(
+        of.shapes.line(int(curve.segments[SHOWN]), float(curve.bond_length[SHOWN]) * unit.nanometer),
+        1.0 * unit.dalton,
+        (
+            of.stretching.Harmonic(float(curve.stretching[SHOWN]) * kj / unit.nanometer**2),
+            of.bending.Harmonic(float(curve.bending[SHOWN]) * kj),
+        ),
+    )
     return clamped_model(filament, float(FORCES[SHOWN]) * PN, 3, 1)
 
 

@@ -14,7 +14,11 @@ from typing import Any, Literal
 
 from openmm_filament import Model
 
-__all__ = ["Check", "OutputError", "Summary", "fresh_folder"]
+__all__ = ["Check", "Draft", "OutputError", "Summary", "fresh_folder"]
+
+
+_RESULTS = frozenset({".json", ".csv", ".nc", ".png", ".pdb", ".dcd", ".jsonl"})
+"""Suffixes of the files that systems write, which new results replace."""
 
 
 class OutputError(ValueError):
@@ -83,9 +87,40 @@ def _without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+class Draft:
+    """A folder that results are written into, before they stand where they were asked for."""
+
+    def __init__(self, folder: Path, output: Path) -> None:
+        self.folder, self.output = folder, output
+
+    def settle(self, *, complete: bool) -> Path:
+        """Put the results in their place, which is returned.
+
+        Incomplete ones never replace others: they go beside them, under a name with "-incomplete".
+        """
+        place = self.output
+        if not complete and _holds_anything(place):
+            place = _free_name(place.with_name(f"{place.name}-incomplete"))
+        _replace(place, self.folder)
+        return place
+
+
+def _holds_anything(folder: Path) -> bool:
+    return folder.is_dir() and any(folder.iterdir())
+
+
+def _free_name(path: Path) -> Path:
+    number = 1
+    candidate = path
+    while candidate.exists():
+        number += 1
+        candidate = path.with_name(f"{path.name}-{number}")
+    return candidate
+
+
 @contextmanager
-def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Path]:
-    """A folder to write results into, which takes the place of `output` when they are complete.
+def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Draft]:
+    """A folder to write results into, which `Draft.settle` puts in the place of `output`.
 
     Raises
     ------
@@ -111,8 +146,7 @@ def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Path]:
         ) from error
     try:
         draft.chmod(0o755)
-        yield draft
-        _replace(output, draft)
+        yield Draft(draft, output)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
@@ -122,6 +156,9 @@ def _replace(output: Path, draft: Path) -> None:
     if not output.exists():
         draft.rename(output)
         return
+    for entry in output.iterdir():  # what is no result of a system's is kept
+        if entry.suffix not in _RESULTS and not (draft / entry.name).exists():
+            (shutil.copytree if entry.is_dir() else shutil.copy2)(entry, draft / entry.name)
     aside = Path(tempfile.mkdtemp(prefix=f".{output.name}-old-", dir=output.parent)) / output.name
     output.rename(aside)
     try:

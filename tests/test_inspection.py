@@ -118,7 +118,7 @@ def test_coincident_neighbours_are_refused_by_bead() -> None:
     model = of.build(helix())
     x = internal(model)
     x[7] = x[6]
-    with pytest.raises(PreflightError, match="Neighbours must not coincide, but bead 6 and bead 7 do"):
+    with pytest.raises(PreflightError, match="Neighbours must not coincide, but beads 6 and 7 do"):
         of.preflight(model, context(model, x))
 
 
@@ -131,7 +131,7 @@ def test_beads_are_named_within_their_filament() -> None:
     x[12 + 3] = x[12 + 4]
     with pytest.raises(PreflightError) as caught:
         of.preflight(model, context(model, x))
-    assert "bead 3 of filament 1 and bead 4" in str(caught.value)
+    assert "beads 3 and 4 of filament 1" in str(caught.value)
 
 
 def test_collinear_beads_under_a_dihedral_are_refused_by_bead() -> None:
