@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from openmm_filament import bending, electrostatics, loads, reference, shapes, stretching, torsion, units, wlc
+    from openmm_filament.discretisation import exact_extension
     from openmm_filament.divergence import watch
     from openmm_filament.evaluation import energies, forces
     from openmm_filament.filament import Filament
@@ -33,6 +34,7 @@ __all__ = [
     "electrostatics",
     "energies",
     "euler_cromer",
+    "exact_extension",
     "fastest_platform",
     "force_extension",
     "forces",
@@ -62,6 +64,7 @@ _HOME = {
     "build": "model",
     "energies": "evaluation",
     "euler_cromer": "integrators",
+    "exact_extension": "discretisation",
     "fastest_platform": "platforms",
     "force_extension": "sampling",
     "forces": "evaluation",

@@ -16,7 +16,7 @@ from openmm_filament import bending, stretching, units, wlc
 from openmm_filament.filament import Filament
 from openmm_filament.rods import INEXTENSIBLE, Match, WormlikeChain
 
-__all__ = ["PN", "ExactChain", "choose", "exact_chain"]
+__all__ = ["PN", "ExactChain", "choose", "exact_chain", "exact_extension"]
 
 Array = NDArray[np.float64]
 
@@ -89,6 +89,37 @@ def exact_chain(filament: Filament, temperature: unit.Quantity) -> ExactChain | 
         stretching=float(bond["k"][0]) / PN,
         kT=units.BOLTZMANN * units.number("temperature", temperature, "temperature") / PN,
     )
+
+
+def exact_extension(
+    filament: Filament, forces: unit.Quantity, temperature: unit.Quantity, *, dimension: int = 3
+) -> unit.Quantity:
+    """The exact mean extension of a filament pulled at its ends, as a length shaped like `forces`.
+
+    Compared with `wlc.extension_exact` it tells how far a chain of so many segments is from the continuous one.
+
+    Parameters
+    ----------
+    filament : Filament
+        Open, with one harmonic stretching and one bending term and bonds all alike; no torsion.
+    forces : Quantity
+        Not negative, one number or an array.
+    temperature : Quantity
+    dimension : int
+        3, or 2 for a chain in a plane, whose joints may flip.
+
+    Raises
+    ------
+    ValueError
+        For a filament that no exact answer is known for.
+    """
+    exact = exact_chain(filament, temperature)
+    if exact is None:
+        raise ValueError(
+            "Argument `filament` must be open, with one harmonic stretching term of equal bonds and one bending term, for "
+            f"an exact extension, but has {[type(term).__qualname__ for term in filament.terms]}."
+        )
+    return units.quantity(exact.extension(units.numbers("forces", forces, "force") / PN, dimension), "length")
 
 
 def _one(values: Array) -> float | Array:

@@ -144,7 +144,12 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
     if not isinstance(loads, Sequence):
         raise TypeError(f"Argument `loads` must be a sequence, such as [Hold(0)], but is {loads!r}.")
     given = (loads,) if single else tuple(loads) if len(loads) else ((),) * len(chains)
-    if not single and (len(given) != len(chains) or any(isinstance(entry, Load) for entry in given)):
+    if any(isinstance(entry, Load) for entry in given):
+        raise TypeError(
+            f"Argument `loads` must hold one sequence of loads per filament, {len(chains)}, but holds a bare load: write "
+            "[[Hold(0)], [Hold(0)], ...]."
+        )
+    if len(given) != len(chains):
         raise ValueError(
             f"Argument `loads` must hold one sequence of loads per filament, {len(chains)}, but holds {len(given)}."
         )

@@ -29,6 +29,10 @@ def rod_terms(
 
     S = pi R^2, I = pi R^4/4, J = pi R^4/2 (thesis, section 1). Rest values are left to the rest shape.
 
+    The model has no material frame: its torsion is that of the centre line. It is an elastic rod where the rod bends in
+    its own plane, or as a straight rod does; a curved rod can also bend about the normal of its curve, which costs nothing
+    here that is not torsion, so that a helix loaded off its axis comes out too stiff.
+
     Parameters
     ----------
     youngs_modulus, shear_modulus : Quantity
@@ -108,6 +112,9 @@ class WormlikeChain:
         Bending is harmonic, with the stiffness at which the *discrete* chain has the property that `match` names.
         Bonds have stiffness k = S/b and a rest length b0 shortened so that their mean length at this temperature is b
         (to first order b0 + 2 k_B T/(k b0) = b).
+
+        A discrete chain is longer than the continuous one, by 3.6 % with 40 segments of 1 um of DNA at 5 pN: segments
+        should be well below `sqrt(k_B T l_p/F)`. `exact_extension` tells; `force_extension` chooses by itself.
 
         Parameters
         ----------

@@ -119,14 +119,14 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     summary.write(folder)
     for check in checks:
         verdict = "[green]passed[/]" if check.passed else "[red]FAILED[/]"
-        console.print(f"{verdict} {check.name}: {check.error:.3g} (at most {check.tolerance:.3g})")
+        console.print(f"{verdict} {check.name}: {check.error:.3g} (at most {check.tolerance:.3g})", soft_wrap=True)
     if interrupted:
         return 130
     return 0 if summary.passed else 1
 
 
 class _Display:
-    """A progress bar with the time left; on a terminal it moves, in a file it is left out."""
+    """A progress bar with the time left; where there is no terminal, a line whenever a force is done."""
 
     def __init__(self, console: Console) -> None:
         self._bar = Progress(
@@ -139,6 +139,8 @@ class _Display:
             transient=True,
         )
         self._task = self._bar.add_task("starting", total=1.0)
+        self._console = console
+        self._finished = 0
 
     def __enter__(self) -> _Display:
         self._bar.start()
@@ -157,6 +159,9 @@ class _Display:
         )
         text = f"{left}{report.finished} of {len(FORCES)} forces done{point}"
         self._bar.update(self._task, completed=report.fraction, description=text)
+        if report.finished > self._finished and not self._console.is_terminal:
+            self._console.print(f"{report.fraction:4.0%} {text}", soft_wrap=True)
+        self._finished = report.finished
 
 
 def _rows(curve: xarray.Dataset) -> list[dict[str, float]]:
@@ -199,10 +204,10 @@ def _table(rows: list[dict[str, float]]) -> Table:
         "force\npN",
         "extension\nnm",
         "error\nnm",
-        "effective\nsamples",
-        "exact discrete\nnm",
-        "exact continuous\nnm",
-        "Marko-Siggia\nnm",
+        "eff.\nsamples",
+        "discrete\nexact, nm",
+        "continuous\nexact, nm",
+        "Marko-\nSiggia, nm",
     ):
         table.add_column(heading, justify="right")
     for row in rows:

@@ -217,11 +217,38 @@ def test_old_results_come_back_where_the_exchange_fails(monkeypatch: pytest.Monk
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", fails)
-    with pytest.raises(OSError, match="no space"), fresh_folder(out, overwrite=True) as folder:
-        (folder / "summary.json").write_text("new")
+    with pytest.raises(OSError, match="no space"), fresh_folder(out, overwrite=True) as draft:
+        (draft.folder / "summary.json").write_text("new")
+        draft.settle(complete=True)
     monkeypatch.undo()
     assert (out / "summary.json").read_text() == "old"
     assert [f.name for f in tmp_path.iterdir()] == ["out"]
+
+
+def test_complete_results_replace_old_ones_and_keep_what_is_no_result(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "summary.json").write_text("old")
+    (out / "old.csv").write_text("old")
+    (out / "notes.txt").write_text("mine")
+    with fresh_folder(out, overwrite=True) as draft:
+        (draft.folder / "summary.json").write_text("new")
+        assert (out / "summary.json").read_text() == "old"
+        assert draft.settle(complete=True) == out
+    assert {f.name: f.read_text() for f in out.iterdir()} == {"summary.json": "new", "notes.txt": "mine"}
+    assert [f.name for f in tmp_path.iterdir()] == ["out"]
+
+
+def test_incomplete_results_stand_beside_old_ones(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "summary.json").write_text("old")
+    with fresh_folder(out, overwrite=True) as draft:
+        (draft.folder / "summary.json").write_text("new")
+        place = draft.settle(complete=False)
+    assert place == tmp_path / "out-incomplete"
+    assert (out / "summary.json").read_text() == "old"
+    assert (place / "summary.json").read_text() == "new"
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:

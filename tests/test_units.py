@@ -18,7 +18,7 @@ from openmm_filament import units
 EXAMPLES = {
     "length": (unit.angstrom, 0.1),
     "time": (unit.femtosecond, 1e-3),
-    "mass": (unit.kilogram, 1 / sc.value("atomic mass constant")),
+    "mass": (unit.kilogram, 1e3 * sc.Avogadro),  # OpenMM's dalton is 1 g/mol, 1e-9 lighter than the SI's
     "energy": (unit.kilocalorie_per_mole, 4.184),
     "force": (unit.piconewton, 0.602214076),
     "stiffness": (unit.newton / unit.meter, 602.214076),
@@ -28,7 +28,9 @@ EXAMPLES = {
     "charge": (unit.coulomb, 1 / sc.elementary_charge),
     "rate": (unit.second**-1, 1e-12),
     "velocity": (unit.meter / unit.second, 1e-3),
-    "line_density": (unit.kilogram / unit.meter, 1e-9 / sc.value("atomic mass constant")),
+    "line_density": (unit.kilogram / unit.meter, 1e-6 * sc.Avogadro),
+    "pure": (unit.dimensionless, 1.0),
+    "energy_length": (unit.kilocalorie_per_mole * unit.nanometer, 4.184),
 }
 """A unit of each dimension and its value in the package's own unit."""
 
