@@ -93,6 +93,8 @@ class Interaction:
 
     def scaled(self, scale: units.Scale) -> Interaction:
         """The same interaction in the internal units of `scale`."""
+        if scale.is_identity:
+            return self
         dimensions = self.term.dimensions
         converted = {name: values / scale.factor(dimensions[name]) for name, values in self.parameters.items()}
         return Interaction(self.term, self.beads, converted)

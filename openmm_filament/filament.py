@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,7 @@ class Filament:
     terms: tuple[Term, ...]
     damping: unit.Quantity | None = None
     closed: bool = False
+    _bound: list[Interaction] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         rest = check.finite("rest", check.shape("rest", units.numbers("rest", self.rest, "length"), (None, 3)))
@@ -77,7 +78,8 @@ class Filament:
         if self.damping is not None:
             damping = self._per_bead("damping", self.damping, "rate", check.non_negative)
             object.__setattr__(self, "damping", _frozen(damping, "rate"))
-        self.interactions()  # a bad stiffness or rest value is refused here, not when the model is built
+        bound = [term.bind(rest, self.closed) for term in terms]  # a bad stiffness or rest value is refused here
+        object.__setattr__(self, "_bound", bound)
 
     def _checked_terms(self, beads: int) -> tuple[Term, ...]:
         terms = self.terms
@@ -129,9 +131,8 @@ class Filament:
         return len(self.rest._value)
 
     def interactions(self) -> list[Interaction]:
-        """The terms bound to the beads, in nm and kJ/mol."""
-        rest = units.numbers("rest", self.rest, "length")
-        return [term.bind(rest, self.closed) for term in self.terms]
+        """The terms bound to the beads, in nm and kJ/mol, as they were when the filament was made."""
+        return list(self._bound)
 
 
 def _name(term: Term) -> str:

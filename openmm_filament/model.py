@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -196,16 +196,15 @@ def _collector_paused() -> Iterator[None]:
 
 def _bind(chains: Sequence[Filament]) -> list[Interaction]:
     """The terms of all filaments, those of one class joined into one interaction, in nm and kJ/mol."""
-    cache: dict[int, list[Interaction]] = {}
     parts: dict[type[Term], list[Interaction]] = {}
     start = 0
     for chain in chains:
-        if id(chain) not in cache:
-            cache[id(chain)] = chain.interactions()
-        for interaction in cache[id(chain)]:
-            shifted = Interaction(interaction.term, interaction.beads + start, interaction.parameters)
+        for interaction in chain.interactions():
+            shifted = replace(interaction, beads=interaction.beads + start) if start else interaction
             parts.setdefault(interaction.term, []).append(shifted)
         start += len(chain)
+    if len(chains) == 1 and all(len(group) == 1 for group in parts.values()):
+        return [group[0] for group in parts.values()]
     return [
         Interaction(
             term,
