@@ -32,9 +32,9 @@ IMPORT_SECONDS = 0.15
 IMPORT_OF_BUILD = 2.0
 """All that `build` needs, openmm and openmm.app among it, over `import openmm`. Measured: 1.3 to 1.5."""
 SI = 1e-9
-"""Stiffnesses against the closed formula with CODATA numbers. Measured: 4e-16 (exact constants)."""
+"""Stiffnesses against the closed formula with CODATA numbers: rounding, with room."""
 QUADRATURE = 1e-9
-"""Averages over one bond or joint against scipy's adaptive quadrature. Measured: at most 2e-11."""
+"""Averages over one bond or joint against scipy's adaptive quadrature, which is asked for 1e-10."""
 LIMIT = 0.05
 """The stability limit against the one found by running: 0.95 of it must hold, 1.05 must not."""
 STAYS_SMALL = 1e3
@@ -45,7 +45,7 @@ LANCZOS = 0.01
 2.8e-3 at most, and from above, as it must be."""
 EIGENVALUE = 1e-5
 """The limit by a dense Hessian of forward differences of 1e-5 of the shortest segment.
-Measured: 4e-8, and 1e-6 with charges."""
+Measured: 4e-8 without charges, whose potential is less harmonic."""
 TRAJECTORY = 1e-13
 """Positions, in nm, after 50 Euler-Cromer steps against NumPy; ten times it for velocities and 200 steps.
 Measured: 4.4e-16."""
