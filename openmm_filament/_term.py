@@ -72,6 +72,10 @@ class Term(ABC):
         return Interaction(type(self), beads, self.parameters(rest, closed))
 
 
+_LENGTH_POWER = {"stiffness": 2, "energy": 0, "energy_length": -1}
+"""Power of the length that turns a parameter into an energy."""
+
+
 @dataclass(frozen=True, eq=False)
 class Interaction:
     """A term bound to beads: `beads` (M, span) indices, `parameters` M numbers each, in one consistent set of units."""
@@ -90,6 +94,12 @@ class Interaction:
         flat = self.beads.ravel()
         columns = [np.bincount(flat, -gradient[..., k].ravel(), len(positions)) for k in range(3)]
         return np.stack(columns, axis=-1).astype(np.float64, copy=False)
+
+    def stored_energy(self, length: float) -> float:
+        """The energy that a change of order one (a strain, a radian) stores in segments of this length."""
+        dimensions = self.term.dimensions
+        sizes = ((dimensions[name], np.abs(values).max(initial=0.0)) for name, values in self.parameters.items())
+        return max(float(size) * length ** _LENGTH_POWER[d] for d, size in sizes if d in _LENGTH_POWER)
 
     def scaled(self, scale: units.Scale) -> Interaction:
         """The same interaction in the internal units of `scale`."""

@@ -263,10 +263,4 @@ def _natural_force(interaction: Interaction, x: Array) -> float:
     """The force that a change of order one (a strain, a radian) would make."""
     pairs = interaction.beads[:, :2]
     length = float(np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=-1).min())
-    powers = {"stiffness": 1, "energy": -1, "energy_length": -2}
-    dimensions = interaction.term.dimensions
-    return max(
-        float(np.abs(values).max()) * length ** powers[dimensions[name]]
-        for name, values in interaction.parameters.items()
-        if dimensions[name] in powers
-    )
+    return interaction.stored_energy(length) / length

@@ -227,17 +227,8 @@ def _choose_scale(chains: Sequence[Filament], rest: Array, bound: Sequence[Inter
         return units.NANOMETER_SCALE
     length = float(lengths.min())
     mass = math.exp(np.mean([np.log(units.numbers("masses", c.masses, "mass")).mean() for c in chains]))
-    energies = [
-        float(np.abs(values).max()) * length ** _LENGTH_POWER[interaction.term.dimensions[name]]
-        for interaction in bound
-        for name, values in interaction.parameters.items()
-        if interaction.term.dimensions[name] in _LENGTH_POWER and len(values)
-    ]
+    energies = [interaction.stored_energy(length) for interaction in bound]
     return units.Scale(length, mass, max(energies, default=0.0) or 1.0)
-
-
-_LENGTH_POWER = {"stiffness": 2, "energy": 0, "energy_length": -1}
-"""Power of the length that turns a parameter into an energy."""
 
 
 def _openmm_force(interaction: Interaction) -> mm.Force:

@@ -300,11 +300,12 @@ def _points(
     points = []
     for i, ((filament, bias), force) in enumerate(zip(plans, forces, strict=True)):
         model = clamped_model(filament, force * PN, dimension, 1)
-        integrator: Any = langevin(model, temperature, timestep=timestep)
         rate = slow_frequency(model, kelvin / model.scale.factor("temperature"))
+        to_ps = model.scale.factor("time")
+        friction = FRICTION * rate / to_ps
+        integrator: Any = langevin(model, temperature, timestep=timestep, friction=friction / unit.picosecond)
         dt = integrator.getStepSize().value_in_unit(unit.picosecond)
         stride = max(1, round(_SAMPLE_TIME / rate / dt))
-        to_ps = model.scale.factor("time")
         runs = [
             _Run(
                 Block(
@@ -315,7 +316,7 @@ def _points(
                     replicas=_REPLICAS,
                     seed=int(child.generate_state(1)[0]) % (2**31 - 1) + 1,
                     timestep=dt * to_ps,
-                    friction=FRICTION * rate / to_ps,
+                    friction=friction,
                     stride=stride,
                     samples=0,
                     warm_up=round(_WARM_UP_TIME / rate / dt),

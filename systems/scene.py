@@ -129,11 +129,11 @@ def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Draft]:
     """
     if output.exists() and not output.is_dir():
         raise OutputError(f"Argument `--output` must be a folder, but {output} is a file.")
-    if output.is_dir() and any(output.iterdir()) and not overwrite:
+    if _holds_anything(output) and not overwrite:
         raise OutputError(
             f"Argument `--output` must be empty or new, but {output} holds results: pass --overwrite to replace them."
         )
-    if output.is_dir() and any(output.iterdir()) and not (output / "summary.json").exists():
+    if _holds_anything(output) and not (output / "summary.json").exists():
         raise OutputError(
             f"Argument `--output` must hold nothing but results, but {output} has no summary.json: it is left alone."
         )
