@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from openmm_filament.inspection import preflight
     from openmm_filament.integrators import euler_cromer, langevin, verlet
     from openmm_filament.model import Model, build
+    from openmm_filament.modes import damped_modes, normal_modes
+    from openmm_filament.motion import pluck_reporter, record
     from openmm_filament.platforms import fastest_platform, platform_properties
     from openmm_filament.rods import Match, WormlikeChain, rod_terms
     from openmm_filament.sampling import force_extension
@@ -31,6 +33,7 @@ __all__ = [
     "__version__",
     "bending",
     "build",
+    "damped_modes",
     "electrostatics",
     "energies",
     "euler_cromer",
@@ -41,8 +44,11 @@ __all__ = [
     "langevin",
     "load",
     "loads",
+    "normal_modes",
     "platform_properties",
+    "pluck_reporter",
     "preflight",
+    "record",
     "reference",
     "rod_terms",
     "shapes",
@@ -62,6 +68,7 @@ _HOME = {
     "Model": "model",
     "WormlikeChain": "rods",
     "build": "model",
+    "damped_modes": "modes",
     "energies": "evaluation",
     "euler_cromer": "integrators",
     "exact_extension": "discretisation",
@@ -70,8 +77,11 @@ _HOME = {
     "forces": "evaluation",
     "langevin": "integrators",
     "load": "trajectory",
+    "normal_modes": "modes",
     "platform_properties": "platforms",
+    "pluck_reporter": "motion",
     "preflight": "inspection",
+    "record": "motion",
     "rod_terms": "rods",
     "stable_timestep": "timestep",
     "trajectory_reporter": "trajectory",

@@ -11,7 +11,7 @@ from openmm import unit
 
 from openmm_filament import _checks as check
 from openmm_filament._term import Array, Parameters, Term, per_element, read_off
-from openmm_filament.geometry import bending_angles, chain_indices, cross, dot
+from openmm_filament.geometry import angle, bending_angles, chain_indices, cross, dot
 
 __all__ = ["Cosine", "Harmonic"]
 
@@ -75,7 +75,7 @@ class Harmonic(Term):
         l1, l2, x1, x2 = _split(x)
         normal = cross(x1, x2)
         sine = np.sqrt(dot(normal, normal))
-        beta = np.arctan2(sine, dot(x1, x2))
+        beta = angle(sine, dot(x1, x2))
         slope = p["alpha"] * (beta - p["beta0"])
         straight = sine == 0.0
         factor = np.where(straight, 0.0, slope / np.where(straight, 1.0, sine))

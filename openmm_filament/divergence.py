@@ -17,7 +17,7 @@ from openmm_filament.inspection import describe_bead
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
-__all__ = ["DivergedError", "Watch", "check_heat", "diagnose", "watch"]
+__all__ = ["DivergedError", "Watch", "check_heat", "diagnose", "has_left", "watch"]
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ class Watch:
     def look(self, simulation: app.Simulation, state: mm.State) -> Array:
         """The positions (N, 3) of the state in internal units if they are finite; raises DivergedError otherwise."""
         positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
-        if not _has_left(self._model, positions):
+        if not has_left(self._model, positions):
             velocities = units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity")
             if (thermostat := getattr(simulation.integrator, "getTemperature", None)) is not None:
                 check_heat(self._model, state, thermostat().value_in_unit(unit.kelvin), simulation.currentStep)
@@ -90,7 +90,7 @@ class Watch:
         raise diagnose(self._model, simulation.context, positions, simulation.currentStep, self._good)
 
 
-def _has_left(model: Model, positions: Array) -> bool:
+def has_left(model: Model, positions: Array) -> bool:
     """Whether beads are not finite, or spread further than any motion would take them."""
     if not np.isfinite(positions).all():
         return True
@@ -162,7 +162,7 @@ def _replay(
     for at in range(since + 1, min(step, since + _REPLAY) + 1):
         context.getIntegrator().step(1)
         after = units.numbers("positions", context.getState(positions=True).getPositions(asNumpy=True), "length")
-        if _has_left(model, after):
+        if has_left(model, after):
             return before, at
         before = after
     return before, step

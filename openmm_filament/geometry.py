@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["bending_angles", "chain_indices", "cross", "dihedrals", "dot", "segments", "unit_vectors"]
+__all__ = ["angle", "bending_angles", "chain_indices", "cross", "dihedrals", "dot", "segments", "unit_vectors"]
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,14 @@ def cross(a: Array, b: Array) -> Array:
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
+def angle(sine: Array, cosine: Array) -> Array:
+    """`arctan2`, for complex arguments with an infinitesimal imaginary part too (see `hessian`)."""
+    if np.iscomplexobj(sine) or np.iscomplexobj(cosine):
+        slope = (cosine.real * sine.imag - sine.real * cosine.imag) / (sine.real**2 + cosine.real**2)
+        return np.asarray(np.arctan2(sine.real, cosine.real) + 1j * slope)
+    return np.arctan2(sine, cosine)
+
+
 def unit_vectors(vectors: Array) -> Array:
     """Vectors (..., 3) divided by their lengths."""
     return vectors / np.sqrt(dot(vectors, vectors))[..., None]
@@ -55,11 +63,11 @@ def bending_angles(triples: Array) -> Array:
     first = unit_vectors(triples[..., 1, :] - triples[..., 0, :])
     second = unit_vectors(triples[..., 2, :] - triples[..., 1, :])
     normal = cross(first, second)
-    return np.arctan2(np.sqrt(dot(normal, normal)), dot(first, second))
+    return angle(np.sqrt(dot(normal, normal)), dot(first, second))
 
 
 def dihedrals(quadruples: Array) -> Array:
     """Torsions in (-pi, pi] of bead quadruples (..., 4, 3); meaningless where three beads are collinear."""
     s1, s2, s3 = (quadruples[..., i + 1, :] - quadruples[..., i, :] for i in range(3))
     p1, p2 = cross(s1, s2), cross(s2, s3)
-    return np.arctan2(dot(s1, p2) * np.sqrt(dot(s2, s2)), dot(p1, p2))
+    return angle(dot(s1, p2) * np.sqrt(dot(s2, s2)), dot(p1, p2))

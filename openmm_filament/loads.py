@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
@@ -12,8 +12,10 @@ from openmm import unit
 
 from openmm_filament import _checks as check
 from openmm_filament import units
+from openmm_filament._term import Interaction
+from openmm_filament.geometry import segments
 
-__all__ = ["Hold", "Load", "Loads", "Plane", "Pull", "resolve"]
+__all__ = ["Hold", "Load", "Loads", "Plane", "Pluck", "Pull", "Tension", "resolve"]
 
 
 class Load:
@@ -67,34 +69,133 @@ class Plane(Load):
     """
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Pluck(Load):
+    """A constant force on beads from the start of a run until it lets go, `duration` later.
+
+    The force is `Pull`'s, times a Context parameter that `record` and `pluck_reporter` set from 1 to 0 at that time. All
+    plucks of a model let go together.
+
+    Parameters
+    ----------
+    beads : int or sequence of int
+    force : Quantity
+        The force vector, (3,), on each of the beads.
+    duration : Quantity
+        Time, positive.
+    """
+
+    beads: int | Sequence[int]
+    force: unit.Quantity
+    duration: unit.Quantity
+
+    def __post_init__(self) -> None:
+        check.finite("force", check.shape("force", units.numbers("force", self.force, "force"), (3,)))
+        check.positive("duration", units.number("duration", self.duration, "time"))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Tension(Load):
+    """A filament stretched between its held ends: no force is added, its rest lengths become `b - T/k`.
+
+    b are the segment lengths of the rest shape, k the stiffness of the (harmonic) stretching term, so that a straight
+    chain carries the same tension T in every segment and is at rest.
+
+    Parameters
+    ----------
+    tension : Quantity
+        T, force, not negative.
+    """
+
+    tension: unit.Quantity
+
+    def __post_init__(self) -> None:
+        check.non_negative("tension", units.number("tension", self.tension, "force"))
+
+
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """The loads on one filament, resolved: `held` bead indices, summed `pulls` by bead in kJ/mol/nm, `plane`."""
+    """The loads on one filament, resolved, in kJ/mol, nm and ps.
+
+    Attributes
+    ----------
+    held : list of int
+    pulls, plucks : dict of int to (3,) array
+        Forces summed by bead; those of `plucks` act until the time `letting_go`.
+    plane : bool
+    tension : float
+        Zero where there is none.
+    """
 
     held: list[int]
     pulls: dict[int, NDArray[np.float64]]
     plane: bool
+    plucks: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+    letting_go: float = 0.0
+    tension: float = 0.0
 
-    def energy(self, positions: NDArray[np.float64]) -> float:
-        """Energy of the pulls in kJ/mol for positions (N, 3) in nm."""
-        return -float(sum(force @ positions[i] for i, force in self.pulls.items()))
+    def energies(self, positions: NDArray[np.float64]) -> dict[str, float]:
+        """Energies of "pull" and "pluck" in kJ/mol, where there are any, for positions (N, 3) in nm."""
+        acting = {"pull": self.pulls, "pluck": self.plucks}
+        return {
+            name: -float(sum(force @ positions[i] for i, force in forces.items()))
+            for name, forces in acting.items()
+            if forces
+        }
 
     def forces(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Forces of the pulls (N, 3) in kJ/mol/nm."""
+        """Forces of pulls and plucks (N, 3) in kJ/mol/nm."""
         out = np.zeros_like(positions)
-        for i, force in self.pulls.items():
-            out[i] += force
+        for forces in (self.pulls, self.plucks):
+            for i, force in forces.items():
+                out[i] += force
         return out
+
+    def tightened(self, interactions: Sequence[Interaction], rest: NDArray[np.float64]) -> list[Interaction]:
+        """The terms of a filament of this rest shape (N, 3), with the rest lengths that the tension asks for.
+
+        Raises ValueError where it cannot: no harmonic stretching term, a free end, or a tension that leaves no length.
+        """
+        if not self.tension:
+            return list(interactions)
+        stretched = [i for i in interactions if i.term.family == "stretching"]
+        if len(stretched) != 1 or "r0" not in stretched[0].parameters:
+            raise ValueError(
+                "Argument `loads` must hold Tension only for a filament with one harmonic stretching term."
+            )
+        if len(stretched[0].beads) == len(rest):
+            raise ValueError("Argument `loads` must not hold Tension for a closed filament, which has no ends to hold.")
+        if missing := {0, len(rest) - 1} - set(self.held):
+            raise ValueError(f"Argument `loads` must hold both ends under Tension, but bead {min(missing)} is free.")
+        lengths = np.linalg.norm(segments(rest), axis=-1)
+        r0 = lengths - self.tension / stretched[0].parameters["k"]
+        if (r0 <= 0).any():
+            i = int(np.argmin(r0))
+            most = stretched[0].parameters["k"][i] * lengths[i]
+            raise ValueError(
+                f"Argument `tension` must be below k b = {most:.6g} kJ/mol/nm, at which segment {i} has no rest length, but "
+                f"is {self.tension:.6g} kJ/mol/nm."
+            )
+        # segments of one length to rounding keep one rest length
+        r0 = np.full_like(r0, np.median(r0)) if np.ptp(r0) <= 64 * np.finfo(float).eps * np.abs(rest).max() else r0
+        tight = replace(stretched[0], parameters={**stretched[0].parameters, "r0": r0})
+        return [tight if i is stretched[0] else i for i in interactions]
 
 
 def resolve(loads: Any, beads: int) -> Loads:
     """The loads on a filament of so many beads, checked against it and against one another.
 
-    Raises ValueError for an index out of range and for a held bead that is also pulled.
+    Raises ValueError for an index out of range, for a held bead that is also pulled or plucked, and for plucks that do not
+    let go together.
     """
     held: dict[int, None] = {}
     pulls: dict[int, NDArray[np.float64]] = {}
+    plucks: dict[int, NDArray[np.float64]] = {}
+    letting_go: set[float] = set()
     plane = False
+    tension = 0.0
     if isinstance(loads, Load):
         raise TypeError(
             f"Argument `loads` must be a sequence of loads, but is one {type(loads).__name__}: write [{type(loads).__name__}(...)]."
@@ -103,14 +204,24 @@ def resolve(loads: Any, beads: int) -> Loads:
         match load:
             case Hold():
                 held.update(dict.fromkeys(_indices(load.beads, beads, "Hold.beads")))
-            case Pull():
+            case Pull() | Pluck():
                 force = units.numbers("force", load.force, "force")
-                for i in _indices(load.beads, beads, "Pull.beads"):
-                    pulls[i] = pulls.get(i, np.zeros(3)) + force
+                summed = pulls if isinstance(load, Pull) else plucks
+                for i in _indices(load.beads, beads, f"{type(load).__name__}.beads"):
+                    summed[i] = summed.get(i, np.zeros(3)) + force
+                if isinstance(load, Pluck):
+                    letting_go.add(units.number("duration", load.duration, "time"))
+            case Tension():
+                tension += units.number("tension", load.tension, "force")
             case Plane():
                 plane = True
             case _:
                 raise TypeError(f"Argument `loads` must hold loads such as Hold(0), but holds {load!r}.")
-    if both := sorted(held.keys() & pulls.keys()):
-        raise ValueError(f"Argument `loads` must not pull a held bead, but bead {both[0]} is both held and pulled.")
-    return Loads(list(held), pulls, plane)
+    for done, summed in (("pull", pulls), ("pluck", plucks)):
+        if both := sorted(held.keys() & summed.keys()):
+            raise ValueError(
+                f"Argument `loads` must not {done} a held bead, but bead {both[0]} is both held and {done}ed."
+            )
+    if len(letting_go) > 1:
+        raise ValueError(f"Argument `loads` must let all plucks go together, but has {sorted(letting_go)} ps.")
+    return Loads(list(held), pulls, plane, plucks, max(letting_go, default=0.0), tension)

@@ -46,7 +46,7 @@ class Model:
     scale : Scale
         Physical units in one internal unit.
     groups : dict of str to int
-        Force group of each term ("stretching", "bending", "torsion", "electrostatics") and of "pull".
+        Force group of each term ("stretching", "bending", "torsion", "electrostatics") and of "pull" and "pluck".
     filaments, loads : tuple
         What the model was built from, one entry a filament; `loads` resolved, bead indices local to the filament.
     interactions : tuple of Interaction
@@ -90,9 +90,22 @@ class Model:
     @cached_property
     def pulls(self) -> Array:
         """Constant external forces (N, 3) on the beads in internal units."""
+        return self._external("pulls")
+
+    @cached_property
+    def plucks(self) -> Array:
+        """External forces (N, 3) on the beads until the plucks let go, in internal units."""
+        return self._external("plucks")
+
+    @property
+    def letting_go(self) -> float:
+        """Internal time at which the plucks let go; zero without any."""
+        return max(load.letting_go for load in self.loads) / self.scale.factor("time")
+
+    def _external(self, kind: str) -> Array:
         out = np.zeros((self.starts[-1], 3))
         for start, load in zip(self.starts, self.loads, strict=False):
-            for i, force in load.pulls.items():
+            for i, force in getattr(load, kind).items():
                 out[start + i] += force / self.scale.factor("force")
         return out
 
@@ -160,7 +173,7 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
         )
 
     with _collector_paused():
-        bound = _bind(chains)
+        bound = _bind(chains, resolved)
         rest = np.concatenate([units.numbers("rest", chain.rest, "length") for chain in chains])
         scale = _choose_scale(chains, rest, bound)
         interactions = tuple(interaction.scaled(scale) for interaction in bound)
@@ -177,8 +190,13 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
             system.addForce(force)
         positions = units.quantity(rest / scale.length, "length")
         model = Model(system, positions, scale, groups, chains, resolved, interactions, planes == {True})
-        if any(load.pulls for load in resolved):
-            system.addForce(_pull_force(model, groups.setdefault("pull", len(groups))))
+        for name, forces in (("pull", model.pulls), ("pluck", model.plucks)):
+            if any(getattr(load, f"{name}s") for load in resolved):
+                system.addForce(_external_force(model, name, forces, groups.setdefault(name, len(groups))))
+        if len({load.letting_go for load in resolved if load.plucks}) > 1:
+            raise ValueError(
+                "Argument `loads` must let all plucks go together, but durations differ between filaments."
+            )
     return model
 
 
@@ -194,12 +212,12 @@ def _collector_paused() -> Iterator[None]:
             gc.enable()
 
 
-def _bind(chains: Sequence[Filament]) -> list[Interaction]:
+def _bind(chains: Sequence[Filament], loads: Sequence[Loads]) -> list[Interaction]:
     """The terms of all filaments, those of one class joined into one interaction, in nm and kJ/mol."""
     parts: dict[type[Term], list[Interaction]] = {}
     start = 0
-    for chain in chains:
-        for interaction in chain.interactions():
+    for chain, load in zip(chains, loads, strict=True):
+        for interaction in load.tightened(chain.interactions(), chain.rest._value):
             shifted = replace(interaction, beads=interaction.beads + start) if start else interaction
             parts.setdefault(interaction.term, []).append(shifted)
         start += len(chain)
@@ -249,15 +267,18 @@ def _openmm_force(interaction: Interaction) -> mm.Force:
     return force
 
 
-def _pull_force(model: Model, group: int) -> mm.CustomExternalForce:
-    force = mm.CustomExternalForce("-(fx*x+fy*y+fz*z)")
-    for name in ("fx", "fy", "fz"):
-        force.addPerParticleParameter(name)
+def _external_force(model: Model, name: str, forces: Array, group: int) -> mm.CustomExternalForce:
+    """Constant forces on beads; those of "pluck" times a Context parameter of that name, 1 until they let go."""
+    force = mm.CustomExternalForce("-(fx*x+fy*y+fz*z)" if name == "pull" else f"-{name}*(fx*x+fy*y+fz*z)")
+    if name != "pull":
+        force.addGlobalParameter(name, 1.0)
+    for axis in ("fx", "fy", "fz"):
+        force.addPerParticleParameter(axis)
     for start, load in zip(model.starts, model.loads, strict=False):
-        for bead in load.pulls:
-            force.addParticle(int(start + bead), model.pulls[start + bead].tolist())
+        for bead in getattr(load, f"{name}s"):
+            force.addParticle(int(start + bead), forces[start + bead].tolist())
     force.setForceGroup(group)
-    force.setName("pull")
+    force.setName(name)
     return force
 
 

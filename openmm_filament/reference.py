@@ -29,26 +29,25 @@ def _positions(filament: Filament, positions: Any) -> Array:
 
 
 def energies(filament: Filament, positions: Any, loads: Sequence[Load] = ()) -> dict[str, float]:
-    """Energies in kJ/mol by term: "stretching", "bending", "torsion", "electrostatics", and "pull" where one acts.
+    """Energies in kJ/mol by term: "stretching", "bending", "torsion", "electrostatics", "pull" and "pluck" where one acts.
 
-    `positions` is a Quantity (N, 3). Terms of one family are summed under its name.
+    `positions` is a Quantity (N, 3); a pluck counts as it does before it lets go. Terms of one family are summed under its name.
     """
     x = _positions(filament, positions)
     out: dict[str, float] = {}
-    for interaction in filament.interactions():
+    outside = resolve(loads, len(filament))
+    for interaction in outside.tightened(filament.interactions(), filament.rest._value):
         family = interaction.term.family
         out[family] = out.get(family, 0.0) + interaction.energy(x)
-    outside = resolve(loads, len(filament))
-    if outside.pulls:
-        out["pull"] = outside.energy(x)
-    return out
+    return out | outside.energies(x)
 
 
 def forces(filament: Filament, positions: Any, loads: Sequence[Load] = ()) -> Array:
     """Total forces (N, 3) in kJ/mol/nm on all beads, held ones included; `positions` is a Quantity (N, 3)."""
     x = _positions(filament, positions)
-    total = resolve(loads, len(filament)).forces(x)
-    for interaction in filament.interactions():
+    outside = resolve(loads, len(filament))
+    total = outside.forces(x)
+    for interaction in outside.tightened(filament.interactions(), filament.rest._value):
         total += interaction.forces(x)
     return total
 

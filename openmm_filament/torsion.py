@@ -53,7 +53,7 @@ def _dihedral_gradient(x: Array, slope: Array) -> Array:
 
 def _shorter_way(difference: Array) -> Array:
     """An angle difference brought into [-pi, pi)."""
-    turns: Array = np.floor(difference / (2 * np.pi) + 0.5)
+    turns: Array = np.floor(difference.real / (2 * np.pi) + 0.5)
     return difference - 2 * np.pi * turns
 
 

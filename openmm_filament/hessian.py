@@ -1,0 +1,58 @@
+"""Second derivatives of a model's energy, exact to rounding, as a sparse matrix."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from openmm_filament._term import Interaction
+from openmm_filament.model import Model
+
+__all__ = ["free_degrees", "hessian"]
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-30
+"""The imaginary displacement: its square is lost beside one, so that the derivative is that of the formula."""
+
+
+def hessian(model: Model, positions: Array) -> Any:
+    """d^2E/dr_i dr_j of the terms, (3N, 3N) as a symmetric `scipy.sparse.csr_array`, coordinates bead by bead.
+
+    `positions` (N, 3) and the result are in internal units. Constant forces do not add to it, held beads are not left
+    out. The gradients of the terms are differentiated by a complex step (Squire and Trapp, SIAM Review 1998), which has
+    no difference to lose digits in.
+    """
+    size = positions.size
+    total = sparse.csr_array((size, size))
+    for interaction in model.interactions:
+        if len(interaction.beads):
+            total = total + _assembled(interaction, positions, size)
+    return (total + total.T) / 2
+
+
+def _assembled(interaction: Interaction, positions: Array, size: int) -> Any:
+    x = positions[interaction.beads].astype(complex)
+    count, span, _ = x.shape
+    blocks = np.empty((count, span, 3, span, 3))
+    for bead in range(span):
+        for axis in range(3):
+            moved: Any = x.copy()
+            moved[:, bead, axis] += 1j * _STEP
+            blocks[..., bead, axis] = interaction.term.gradient(moved, interaction.parameters).imag / _STEP
+    index = (3 * interaction.beads[:, :, None] + np.arange(3)).reshape(count, 3 * span)
+    rows = np.repeat(index, 3 * span, axis=1).ravel()
+    columns = np.tile(index, (1, 3 * span)).ravel()
+    return sparse.coo_array((blocks.ravel(), (rows, columns)), shape=(size, size)).tocsr()
+
+
+def free_degrees(model: Model) -> NDArray[np.bool_]:
+    """Which of the coordinates (N, 3) may move: not those of held beads, nor the third one of a planar model."""
+    free = np.ones((int(model.starts[-1]), 3), dtype=bool)
+    free[model.held] = False
+    if model.planar:
+        free[:, 2] = False
+    return free
