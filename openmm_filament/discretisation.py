@@ -55,17 +55,7 @@ class ExactChain:
 
     def extension(self, force: Any, dimension: int = 3) -> Any:
         """Exact mean extension in nm at a force, or an array of them, in pN; free ends, joints free to flip in 2D."""
-        return wlc.extension_discrete(
-            force,
-            segments=self.segments,
-            bond_length=self.bond_length,
-            bending=self.bending,
-            kT=self.kT,
-            stretching=self.stretching,
-            bending_form=self.bending_form,
-            rest_angles=self.rest_angles,
-            dimension=dimension,
-        )
+        return wlc.extension_discrete(force, **vars(self), dimension=dimension)
 
 
 def exact_chain(filament: Filament, temperature: unit.Quantity) -> ExactChain | None:

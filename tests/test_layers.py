@@ -20,8 +20,11 @@ PACKAGE = Path(of.__file__).parent
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("_checks",),
-    ("units", "geometry"),
-    ("_term", "wlc_discrete"),
+    ("units", "geometry", "wlc.numerics"),
+    ("_term", "wlc.reduced", "wlc.bonds", "wlc.joints", "wlc.moments"),
+    ("wlc.chain", "wlc.interpolations", "wlc.limits", "wlc.flexible"),
+    ("wlc.planar", "wlc.spatial", "wlc.continuous"),
+    ("wlc.discrete",),
     ("stretching", "bending", "torsion", "electrostatics", "loads", "shapes", "wlc"),
     ("filament",),
     ("reference", "rods", "model"),
@@ -32,7 +35,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 Modules not named here (time steps, integrators, sampling, files) stand above all of these.
 """
 
-MODULES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in PACKAGE.rglob("*.py")}
+MODULES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in PACKAGE.rglob("*.py")
+}
+"""The path of each module; a package goes by its own name, the outermost one by "__init__"."""
 
 
 def imported(path: Path) -> set[str]:

@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy import integrate, linalg, special
 
-from openmm_filament import wlc, wlc_discrete
+from openmm_filament import wlc
+from openmm_filament.wlc import bonds, continuous, discrete, flexible, interpolations, joints, limits, moments
+from openmm_filament.wlc.chain import DiscreteChain
 
 KT = 4.114  # pN nm, 298 K
 TABLE = 1e-9  # the tabulated fractions have ten decimals
@@ -453,12 +455,12 @@ def test_short_chain_by_direct_integration(case):
 @pytest.mark.parametrize("stiffness", [0.2, 20.0, 700.0])
 def test_twice_the_nodes_change_nothing(dimension, flip, bent, stretching, stiffness):
     rest = bent * np.random.default_rng(3).uniform(0.1, 1, 11) * (1 if flip else np.resize([1, -1], 11))
-    chain = wlc_discrete._check_chain(
+    chain = DiscreteChain(
         segments=12, bond_length=1.0, bending=stiffness, kT=1.0, stretching=stretching, bending_form="harmonic",
         rest_angles=rest, flip=flip, dimension=dimension,
     )  # fmt: skip
     forces = np.array([1e-4, 0.3, 60.0])
-    once, twice = (wlc_discrete._extension(forces, chain, refine) for refine in (1.0, 2.0))
+    once, twice = (discrete._extension(forces, chain, refine) for refine in (1.0, 2.0))
     assert_allclose(once, twice, rtol=DOUBLING)
 
 
@@ -659,7 +661,7 @@ def test_bending_from_cosine_refuses(cosine):
         wlc.bending_from_cosine(cosine)
 
 
-@pytest.mark.parametrize("module", [wlc, wlc_discrete])
+@pytest.mark.parametrize("module", [bonds, continuous, discrete, flexible, interpolations, joints, limits, moments])
 def test_docstring_examples(module):
     result = doctest.testmod(module)
     assert result.attempted
