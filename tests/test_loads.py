@@ -17,7 +17,7 @@ from openmm import unit
 
 import openmm_filament as of
 from openmm_filament import stretching
-from openmm_filament.loads import Hold, Plane, Pull, resolve
+from openmm_filament.loads import Hold, Plane, Pluck, Pull, Tension, resolve
 
 PN = unit.piconewton
 FORCE = np.array([1.0, -2.0, 0.5])
@@ -92,6 +92,48 @@ def test_a_pull_adds_to_the_internal_forces() -> None:
     np.testing.assert_array_equal((total - internal)[[0, 1, 3]], 0)
 
 
+def wire(closed: bool = False, **stretched: Any) -> of.Filament:
+    """Six segments of 2 nm along z, k = 30 kJ/mol/nm^2 in the first and 50 in the others."""
+    k = [30.0, 50.0, 50.0, 50.0, 50.0, 50.0] * KJ / NM**2
+    return of.Filament(
+        of.shapes.line(6, 2 * NM), 5 * unit.dalton, (stretching.Harmonic(k, **stretched),), closed=closed
+    )
+
+
+def test_tension_pulls_at_both_held_ends_alike_and_leaves_the_chain_at_rest() -> None:
+    loads = [Hold([0, -1]), Tension(20 * KJ / NM)]
+    model = of.build(wire(), loads)
+    expected = np.zeros((7, 3))
+    expected[0, 2], expected[-1, 2] = 20, -20
+    for got in (of.forces(model), of.reference.forces(wire(), wire().rest, loads)):
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-11)
+    stored = 20**2 / 2 * (1 / 30 + 5 / 50)  # T^2/2k a segment
+    assert of.energies(model) == {"stretching": pytest.approx(stored, rel=tol.ROUNDING)}
+    assert of.reference.energies(wire(), wire().rest, loads) == {"stretching": pytest.approx(stored, rel=tol.ROUNDING)}
+    assert model.system.getNumForces() == 1
+
+
+def test_tension_counts_from_the_rest_shape_whatever_rest_length_was_given() -> None:
+    loads = [Hold([0, -1]), Tension(20 * KJ / NM)]
+    given_length = of.build(wire(rest_length=1.0 * NM), loads)
+    np.testing.assert_allclose(of.forces(given_length), of.forces(of.build(wire(), loads)), atol=1e-11)
+
+
+def test_a_pluck_is_a_pull_with_a_switch() -> None:
+    x = random_chain(np.random.default_rng(7), 5)
+    chain = free(x)
+    pluck, pulled = ([kind([1, -1], FORCE * PN, *more)] for kind, more in ((Pluck, (3 * unit.picosecond,)), (Pull, ())))
+    on = of.build(chain, pluck)
+    np.testing.assert_array_equal(of.forces(on, x * NM), of.forces(of.build(chain, pulled), x * NM))
+    np.testing.assert_array_equal(of.reference.forces(chain, x * NM, pluck), of.reference.forces(chain, x * NM, pulled))
+    assert of.energies(on, x * NM) == {"pluck": pytest.approx(of.reference.energies(chain, x * NM, pulled)["pull"])}
+    assert on.letting_go == 3
+    context = mm.Context(on.system, mm.VerletIntegrator(0.01), mm.Platform.getPlatformByName("Reference"))
+    context.setPositions(on.positions)
+    context.setParameter("pluck", 0.0)
+    assert not np.any(context.getState(forces=True).getForces(asNumpy=True))
+
+
 # Refused ------------------------------------------------------------------------------------------------------------
 
 
@@ -150,6 +192,38 @@ def test_a_force_that_is_no_vector_is_refused(shape: tuple[int, ...]) -> None:
 def test_a_force_that_is_not_finite_is_refused(bad: float) -> None:
     with pytest.raises(ValueError, match=f"`force` must be finite, but is {bad} at index 1"):
         Pull(0, [0, bad, 0] * PN)
+
+
+def test_tension_is_refused_where_nothing_can_hold_it() -> None:
+    tension = Tension(20 * KJ / NM)
+    for loads in ([tension], [tension, Hold(0)], [tension, Hold([0, -2])]):
+        with pytest.raises(ValueError, match="must hold both ends under Tension, but bead [06] is free"):
+            of.build(wire(), loads)
+    with pytest.raises(ValueError, match="only for a filament with one harmonic stretching term"):
+        of.build(free(random_chain(np.random.default_rng(0), 4)), [tension, Hold([0, -1])])
+    with pytest.raises(ValueError, match="must not hold Tension for a closed filament"):
+        ring = of.Filament(
+            of.shapes.ring(6, 1 * NM), 1 * unit.dalton, (stretching.Harmonic(1 * KJ / NM**2),), closed=True
+        )
+        of.build(ring, [tension, Hold([0, -1])])
+    with pytest.raises(ValueError, match=r"`tension` must be below k b = 60 kJ/mol/nm.*segment 0 .*is 60 kJ"):
+        of.build(wire(), [Tension(60 * KJ / NM), Hold([0, -1])])
+    with pytest.raises(ValueError, match="`tension` must not be negative, but is -1"):
+        Tension(-1 * KJ / NM)
+
+
+def test_a_pluck_is_refused_on_a_held_bead_without_a_duration_and_with_two() -> None:
+    now, later = (Pluck(2, FORCE * PN, t * unit.picosecond) for t in (1, 2))
+    with pytest.raises(ValueError, match="`loads` must not pluck a held bead, but bead 2 is both held and plucked"):
+        of.build(wire(), [Hold(2), now])
+    with pytest.raises(ValueError, match=r"`loads` must let all plucks go together, but has \[1.0, 2.0\] ps"):
+        of.build(wire(), [now, later])
+    with pytest.raises(ValueError, match="`loads` must let all plucks go together"):
+        of.build([wire(), wire()], [[now], [later]])
+    with pytest.raises(ValueError, match="`duration` must be positive, but is 0"):
+        Pluck(2, FORCE * PN, 0 * unit.picosecond)
+    with pytest.raises(TypeError, match="`duration` must be a Quantity of time"):
+        Pluck(2, FORCE * PN, 1.0)
 
 
 def test_what_is_no_load_is_refused() -> None:
