@@ -1,0 +1,311 @@
+"""Static equilibrium under constant forces: continuation in the force, damped Newton steps, and what was reached."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from openmm import unit
+from scipy import linalg, sparse
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from openmm_filament import _checks as check
+from openmm_filament.evaluation import internal_positions
+from openmm_filament.geometry import dot
+from openmm_filament.hessian import free_degrees, hessian
+from openmm_filament.model import Model
+
+__all__ = ["Equilibrium", "equilibrium"]
+
+Array = NDArray[np.float64]
+
+_RESIDUAL = 1e-8
+"""Largest force left on a free bead, over the largest load."""
+
+_ABOVE_FLOOR = 10.0
+"""The same, over the rounding floor of the forces."""
+
+_TOO_ROUGH = 1e-3
+"""Ten times the floor over the load, above which the forces say nothing."""
+
+_COARSE = 1e-4
+"""Residual over the load at which a stage of the continuation is left."""
+
+_STAGE = 60
+"""Newton steps of one stage before the load is raised by less."""
+
+_SMALLEST_STAGE = 1e-3
+"""Part of the load that is not divided further."""
+
+_ESCAPES = 5
+"""Saddles left at most, one after another."""
+
+_NEGATIVE = 1e-13
+"""An eigenvalue of the Hessian counts as negative below minus this part of the largest, where rounding cannot make it."""
+
+_DENSE = 1500
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """What was reached.
+
+    Attributes
+    ----------
+    positions : Quantity
+        (N, 3), physical.
+    energies : dict of str to float
+        kJ/mol by term, with "pull" where one acts.
+    residual : float
+        Largest force left on a free bead, kJ/mol/nm.
+    floor : float
+        What rounding of the coordinates alone leaves of it, kJ/mol/nm, estimated.
+    converged : bool
+        Whether the residual is at most 1e-8 of the largest load, or ten times the floor where that is larger; never where
+        ten times the floor is above a thousandth of the load, as beside the singularity of a dihedral.
+    is_minimum : bool
+        Whether the Hessian of the free coordinates has no negative eigenvalue (rigid motions left free have zero).
+    lowest_eigenvalue : float
+        The lowest over the largest eigenvalue of that Hessian.
+    steps : int
+        Newton steps taken.
+    message : str
+        In words, with the numbers.
+    """
+
+    positions: unit.Quantity
+    energies: dict[str, float]
+    residual: float
+    floor: float
+    converged: bool
+    is_minimum: bool
+    lowest_eigenvalue: float
+    steps: int
+    message: str
+
+
+def equilibrium(
+    model: Model,
+    *,
+    positions: unit.Quantity | None = None,
+    begin_at: float = 0.0,
+    stages: int = 8,
+    most_steps: int = 5000,
+) -> Equilibrium:
+    """The static equilibrium of a model under its constant forces, as the load is raised from nothing.
+
+    The load is raised in stages, each solved by Newton steps with the exact sparse Hessian, damped until the energy
+    falls; a stage that takes too many steps is divided. At the full load a saddle is left along the direction in which
+    the energy falls, so that the result is a minimum wherever one was found. Temperature and plucks play no part.
+
+    Parameters
+    ----------
+    positions : Quantity, optional
+        Physical positions (N, 3) to begin with; the rest positions by default.
+    begin_at : float
+        The part of the load, in [0, 1], under which these positions are an equilibrium: a force-extension curve is
+        quickest from point to point.
+    stages : int
+        Equal steps in which the load is raised from there at first; 1 to apply it at once.
+    most_steps : int
+        Newton steps at most.
+
+    Returns
+    -------
+    Equilibrium
+        Converged or not: look at `converged` and `is_minimum`, or print `message`.
+
+    Raises
+    ------
+    ValueError
+        For a model without a free bead, counts below one, and `begin_at` outside [0, 1].
+    """
+    check.within("begin_at", begin_at, 0, 1)
+    check.integer("stages", stages, low=1)
+    check.integer("most_steps", most_steps, low=1)
+    problem = _Problem(model)
+    x = problem.reduced(internal_positions(model, positions))
+    left = most_steps
+    reached, raise_by = begin_at, (1.0 - begin_at) / stages
+    while reached < 1.0 and left > 0:
+        share = min(reached + raise_by, 1.0)
+        tried, steps, done = problem.relax(x, share, _COARSE, min(left, _STAGE))
+        left -= steps
+        if not done and raise_by > _SMALLEST_STAGE:
+            raise_by /= 2
+            continue
+        x, reached = tried, share
+        raise_by *= 1.5
+    x, steps, converged = problem.relax(x, 1.0, _RESIDUAL, max(left, 1))
+    left -= steps
+    lowest, direction = problem.lowest(x)
+    for _ in range(_ESCAPES):
+        if lowest >= -_NEGATIVE or left <= 0:
+            break
+        x, steps, converged = problem.relax(problem.nudged(x, direction), 1.0, _RESIDUAL, left)
+        left -= steps
+        lowest, direction = problem.lowest(x)
+    return problem.report(x, converged, lowest, most_steps - max(left, 0))
+
+
+class _Problem:
+    """The energy of the free coordinates of a model in internal units, and its damped Newton descent."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.free = free_degrees(model)
+        if not self.free.any():
+            raise ValueError("Argument `model` must have a free bead to come to rest, but all are held.")
+        self.chosen = np.flatnonzero(self.free.ravel())
+        self.fixed = internal_positions(model)
+        self.load = float(np.abs(model.pulls).max())
+        self._damping = 0.0
+
+    def reduced(self, positions: Array) -> Array:
+        self.fixed = np.where(self.free, self.fixed, positions)
+        return positions[self.free]
+
+    def whole(self, x: Array) -> Array:
+        out = self.fixed.copy()
+        out[self.free] = x
+        return out
+
+    def energy(self, x: Array, share: float) -> float:
+        positions = self.whole(x)
+        inner = sum(interaction.energy(positions) for interaction in self.model.interactions)
+        return inner - share * float((self.model.pulls * positions).sum())
+
+    def force(self, x: Array, share: float) -> Array:
+        positions = self.whole(x)
+        total = share * self.model.pulls
+        for interaction in self.model.interactions:
+            total = total + interaction.forces(positions)
+        return total[self.free]
+
+    def hessian(self, x: Array) -> Any:
+        return hessian(self.model, self.whole(x))[self.chosen][:, self.chosen].tocsc()
+
+    def floor(self, x: Array) -> float:
+        """The force that a rounding of every coordinate, and of the forces of the elements, may leave on a bead."""
+        positions = self.whole(x)
+        size = np.abs(positions - positions.mean(axis=0)).max() + np.abs(positions.mean(axis=0)).max()
+        stiffest = float(np.abs(self.hessian(x).diagonal()).max())
+        elements = max(float(np.abs(i.forces(positions)).max()) for i in self.model.interactions)
+        return float(np.finfo(float).eps * (stiffest * size + elements))
+
+    def residual(self, force: Array) -> float:
+        spread = np.zeros(self.free.shape)
+        spread[self.free] = force
+        return float(np.sqrt(dot(spread, spread)).max())
+
+    def relax(self, x: Array, share: float, relative: float, most: int) -> tuple[Array, int, bool]:
+        """Newton steps from x until the residual is small; the last x, the steps taken, and whether it is."""
+        energy, force = self.energy(x, share), self.force(x, share)
+        best = self.residual(force)
+        for step in range(most):
+            if best <= self.goal(x, share, relative):
+                return x, step, True
+            moved = self._step(x, energy, force, share)
+            if moved is None:
+                return x, step + 1, False
+            x, energy, force = moved
+            best = self.residual(force)
+        return x, most, best <= self.goal(x, share, relative)
+
+    def goal(self, x: Array, share: float, relative: float) -> float:
+        """The residual at which x counts as in equilibrium."""
+        load, floor = share * self.load, _ABOVE_FLOOR * self.floor(x)
+        if not load:
+            return floor
+        return max(relative * load, floor if floor < _TOO_ROUGH * load else 0.0)
+
+    def _step(self, x: Array, energy: float, force: Array, share: float) -> tuple[Array, float, Array] | None:
+        """One step that lowers the energy, or, where rounding hides that, the residual; None where none does."""
+        matrix = self.hessian(x)
+        largest = float(np.abs(matrix.diagonal()).max())
+        shortest = self._shortest(x)
+        damping = self._damping
+        rounding = 64 * np.finfo(float).eps * max(abs(energy), self._scale(x))
+        for _ in range(60):
+            step = _solve(matrix, damping * largest, force)
+            if step is not None:
+                reach = float(np.abs(step).max())
+                if reach <= 0.5 * shortest:
+                    tried = x + step
+                    with np.errstate(all="ignore"):
+                        lower, pushed = self.energy(tried, share), self.force(tried, share)
+                    gain = float(step @ force) / 2
+                    falls = lower < energy - 1e-4 * max(gain, 0.0) if gain > rounding else lower < energy + rounding
+                    if falls and (gain > rounding or np.linalg.norm(pushed) < np.linalg.norm(force)):
+                        self._damping = damping / 10 if damping > 1e-15 else 0.0
+                        return tried, lower, pushed
+            damping = max(4 * damping, 1e-16)
+            if damping > 1e6:
+                return None
+        return None
+
+    def _scale(self, x: Array) -> float:
+        positions = self.whole(x)
+        return sum(abs(i.energy(positions)) for i in self.model.interactions) + float(
+            np.abs(self.model.pulls * positions).sum()
+        )
+
+    def _shortest(self, x: Array) -> float:
+        positions = self.whole(x)
+        pairs = [positions[i.beads[:, 1]] - positions[i.beads[:, 0]] for i in self.model.interactions]
+        return min(float(np.sqrt(dot(s, s)).min()) for s in pairs)
+
+    def lowest(self, x: Array) -> tuple[float, Array]:
+        """The lowest eigenvalue of the Hessian over the largest, and its direction."""
+        matrix = self.hessian(x)
+        size = matrix.shape[0]
+        if size <= _DENSE:
+            values, vectors = linalg.eigh(matrix.toarray())
+            return float(values[0] / np.abs(values).max()), vectors[:, 0]
+        top = float(np.abs(matrix).sum(axis=1).max())
+        start = np.random.default_rng(0).normal(size=size)
+        values, vectors = eigsh(matrix, 1, sigma=-1e-6 * top, which="LM", v0=start)
+        if values[0] > -1e-6 * top:
+            values, vectors = eigsh(matrix, 1, sigma=-1e-12 * top, which="LM", v0=start)
+        return float(values[0] / top), vectors[:, 0]
+
+    def nudged(self, x: Array, direction: Array) -> Array:
+        """x moved by a twentieth of a segment along a direction."""
+        return x + 0.05 * self._shortest(x) * direction / np.abs(direction).max()
+
+    def report(self, x: Array, converged: bool, lowest: float, steps: int) -> Equilibrium:
+        model = self.model
+        force, energy = model.scale.factor("force"), model.scale.factor("energy")
+        positions = self.whole(x)
+        energies: dict[str, float] = {}
+        for interaction in model.interactions:
+            family = interaction.term.family
+            energies[family] = energies.get(family, 0.0) + interaction.energy(positions) * energy
+        if self.load:
+            energies["pull"] = -float((model.pulls * positions).sum()) * energy
+        residual = self.residual(self.force(x, 1.0)) * force
+        floor = self.floor(x) * force
+        minimum = lowest >= -_NEGATIVE
+        message = (
+            f"{'Converged' if converged else 'NOT converged'} in {steps} steps to a residual of {residual:.3g} kJ/mol/nm "
+            f"(load {self.load * force:.3g}, rounding floor {floor:.3g}), "
+            f"{'a minimum' if minimum else 'NOT a minimum'}: the lowest eigenvalue of the Hessian is {lowest:.2g} of the largest."
+        )
+        return Equilibrium(
+            model.to_physical(positions, "length"), energies, residual, floor, converged, minimum, lowest, steps, message
+        )
+
+
+def _solve(matrix: Any, shift: float, force: Array) -> Array | None:
+    """(H + shift)^-1 f, or None where the shifted Hessian is not positive definite."""
+    shifted = (matrix + shift * sparse.eye_array(matrix.shape[0])).tocsc() if shift else matrix
+    try:
+        factors = splu(shifted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:  # exactly singular
+        return None
+    if (factors.U.diagonal() <= 0).any() or (factors.perm_r != np.arange(len(force))).any():
+        return None
+    step = factors.solve(force)
+    return np.asarray(step) if np.isfinite(step).all() else None
