@@ -20,15 +20,15 @@ PACKAGE = Path(of.__file__).parent
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("_checks",),
-    ("units", "geometry", "wlc.numerics"),
-    ("_term", "wlc.reduced", "wlc.bonds", "wlc.joints", "wlc.moments"),
-    ("wlc.chain", "wlc.interpolations", "wlc.limits", "wlc.flexible"),
-    ("wlc.planar", "wlc.spatial", "wlc.continuous"),
-    ("wlc.discrete",),
+    ("units", "geometry", "wlc.numerics", "analysis.spectra"),
+    ("_term", "wlc.reduced", "wlc.bonds", "wlc.joints", "wlc.moments", "analysis.peaks", "analysis.projection"),
+    ("wlc.chain", "wlc.interpolations", "wlc.limits", "wlc.flexible", "analysis.ringing", "analysis.pitch"),
+    ("wlc.planar", "wlc.spatial", "wlc.continuous", "analysis"),
+    ("wlc.discrete", "sound"),
     ("stretching", "bending", "torsion", "electrostatics", "loads", "shapes", "wlc"),
     ("filament",),
     ("reference", "rods", "model"),
-    ("evaluation",),
+    ("evaluation", "hessian"),
 )
 """From the ground up: a module imports from lower layers, or from its own layer as long as there is no circle.
 
@@ -101,8 +101,9 @@ def test_theory_and_geometry_name_no_heavy_package(module: str) -> None:
     assert not {name.split(".")[0] for name in imported(MODULES[module])} & heavy
 
 
-def test_the_theory_of_polymers_loads_no_heavy_package() -> None:
-    loaded = run("import sys, openmm_filament.wlc; print(*{m.split('.')[0] for m in sys.modules})").split()
+@pytest.mark.parametrize("module", ["wlc", "analysis"])
+def test_theory_and_analysis_load_no_heavy_package(module: str) -> None:
+    loaded = run(f"import sys, openmm_filament.{module}; print(*{{m.split('.')[0] for m in sys.modules}})").split()
     assert not {"openmm", "mdtraj", "matplotlib", "xarray", "simtk"} & set(loaded)
 
 
