@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from openmm import unit
 from scipy import linalg, sparse
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import eigsh, splu
 
 from openmm_filament import _checks as check
 from openmm_filament.evaluation import internal_positions
@@ -272,7 +272,7 @@ class _Problem:
         return float(values[0] / top), vectors[:, 0]
 
     def nudged(self, x: Array, direction: Array) -> Array:
-        """x moved by a twentieth of a segment along a direction."""
+        """X moved by a twentieth of a segment along a direction."""
         return x + 0.05 * self._shortest(x) * direction / np.abs(direction).max()
 
     def report(self, x: Array, converged: bool, lowest: float, steps: int) -> Equilibrium:
@@ -294,7 +294,15 @@ class _Problem:
             f"{'a minimum' if minimum else 'NOT a minimum'}: the lowest eigenvalue of the Hessian is {lowest:.2g} of the largest."
         )
         return Equilibrium(
-            model.to_physical(positions, "length"), energies, residual, floor, converged, minimum, lowest, steps, message
+            model.to_physical(positions, "length"),
+            energies,
+            residual,
+            floor,
+            converged,
+            minimum,
+            lowest,
+            steps,
+            message,
         )
 
 
