@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from openmm_filament.platforms import fastest_platform, platform_properties
     from openmm_filament.rods import Match, WormlikeChain, rod_terms
     from openmm_filament.sampling import force_extension
+    from openmm_filament.statics import equilibrium
     from openmm_filament.timestep import stable_timestep
     from openmm_filament.trajectory import load, trajectory_reporter
 
@@ -50,6 +51,7 @@ __all__ = [
     "damped_modes",
     "electrostatics",
     "energies",
+    "equilibrium",
     "euler_cromer",
     "exact_extension",
     "fastest_platform",
@@ -86,6 +88,7 @@ _HOME = {
     "build": "model",
     "damped_modes": "modes",
     "energies": "evaluation",
+    "equilibrium": "statics",
     "euler_cromer": "integrators",
     "exact_extension": "discretisation",
     "fastest_platform": "platforms",

@@ -12,7 +12,9 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import eigsh, splu
 
 from openmm_filament import _checks as check
+from openmm_filament.articulated import relaxed
 from openmm_filament.evaluation import internal_positions
+from openmm_filament.filament import COLLINEAR, sines
 from openmm_filament.geometry import dot
 from openmm_filament.hessian import free_degrees, hessian
 from openmm_filament.model import Model
@@ -97,8 +99,10 @@ def equilibrium(
     """The static equilibrium of a model under its constant forces, as the load is raised from nothing.
 
     The load is raised in stages, each solved by Newton steps with the exact sparse Hessian, damped until the energy
-    falls; a stage that takes too many steps is divided. At the full load a saddle is left along the direction in which
-    the energy falls, so that the result is a minimum wherever one was found. Temperature and plucks play no part.
+    falls; a stage that takes too many steps is divided. An open filament with dihedrals that is held at bead 0 is solved
+    in its lengths, bends and torsions instead, which a nearly straight chain does not make singular (see `articulated`),
+    and then in Cartesian coordinates as any other. At the full load a saddle is left along the direction in which the
+    energy falls, so that the result is a minimum wherever one was found. Temperature and plucks play no part.
 
     Parameters
     ----------
@@ -129,6 +133,9 @@ def equilibrium(
     x = problem.reduced(internal_positions(model, positions))
     left = most_steps
     reached, raise_by = begin_at, (1.0 - begin_at) / stages
+    if problem.is_arm(x):
+        x, steps = problem.as_arm(x, left)
+        left, reached = left - steps, 1.0
     while reached < 1.0 and left > 0:
         share = min(reached + raise_by, 1.0)
         tried, steps, done = problem.relax(x, share, _COARSE, min(left, _STAGE))
@@ -163,6 +170,21 @@ class _Problem:
         self.load = float(np.abs(model.pulls).max())
         self._damping = 0.0
 
+    def is_arm(self, x: Array) -> bool:
+        """Whether this is one open filament with dihedrals, held at bead 0 alone and bent everywhere."""
+        model = self.model
+        filament, load = model.filaments[0], model.loads[0]
+        if len(model.filaments) > 1 or filament.closed or model.planar or load.held != [0] or not self.load:
+            return False
+        bent = any(i.term.needs_bends for i in model.interactions)
+        return bent and bool(sines(self.whole(x)).min() > COLLINEAR)
+
+    def as_arm(self, x: Array, most: int) -> tuple[Array, int]:
+        """Positions relaxed under the full load in lengths, bends and torsions, and the steps taken."""
+        model = self.model
+        positions, steps = relaxed(self.whole(x), model.interactions, model.pulls, most=most, tolerance=_RESIDUAL / 10)
+        return positions[self.free], steps
+
     def reduced(self, positions: Array) -> Array:
         self.fixed = np.where(self.free, self.fixed, positions)
         return positions[self.free]
@@ -190,10 +212,10 @@ class _Problem:
     def floor(self, x: Array) -> float:
         """The force that a rounding of every coordinate, and of the forces of the elements, may leave on a bead."""
         positions = self.whole(x)
-        size = np.abs(positions - positions.mean(axis=0)).max() + np.abs(positions.mean(axis=0)).max()
-        stiffest = float(np.abs(self.hessian(x).diagonal()).max())
+        rounded = np.spacing(np.abs(x)) / np.sqrt(12)  # standard deviation of the rounding of each coordinate
+        by_coordinates = np.sqrt(self.hessian(x).power(2) @ rounded**2)
         elements = max(float(np.abs(i.forces(positions)).max()) for i in self.model.interactions)
-        return float(np.finfo(float).eps * (stiffest * size + elements))
+        return self.residual(by_coordinates) + float(np.finfo(float).eps) * elements
 
     def residual(self, force: Array) -> float:
         spread = np.zeros(self.free.shape)
@@ -315,5 +337,5 @@ def _solve(matrix: Any, shift: float, force: Array) -> Array | None:
         return None
     if (factors.U.diagonal() <= 0).any() or (factors.perm_r != np.arange(len(force))).any():
         return None
-    step = factors.solve(force)
-    return np.asarray(step) if np.isfinite(step).all() else None
+    step: Array = factors.solve(force)
+    return step if np.isfinite(step).all() else None

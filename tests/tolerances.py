@@ -97,3 +97,7 @@ SAME_PICTURE = 0.99
 """Common over all ink of two drawings of one shape. Measured: 0.9994 or more (MP4 loses a little)."""
 MOVED_PICTURE = 0.9
 """The same for successive frames of a film in which a bead moves by several of its radii. Measured: 0.60 at most."""
+ELASTICA = 1e-3
+"""Tip of a clamped chain of 40 segments against the elastica, over its length; it falls as the square of the segments."""
+HELLMANN_FEYNMAN = 1e-5
+"""Slope of the energy with the force over 0.2 % of it against the extension: the third derivative, and rounding of the energy."""
