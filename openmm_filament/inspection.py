@@ -17,6 +17,7 @@ from openmm_filament._term import Interaction
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.filament import COLLINEAR
 from openmm_filament.geometry import bending_angles, cross, dot, unit_vectors
+from openmm_filament.integrators import temperature_of
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
@@ -170,10 +171,10 @@ def _check_integrator(model: Model, integrator: Any, limit: float) -> float:
             PreflightWarning,
             stacklevel=3,
         )
-    temperature = getattr(integrator, "getTemperature", None)
+    temperature = temperature_of(integrator)
     stretching = [i for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
     if temperature is not None and stretching and not model.scale.is_identity:
-        kt = units.BOLTZMANN * temperature().value_in_unit(unit.kelvin)
+        kt = units.BOLTZMANN * temperature
         stored = min(float((i.parameters["k"] * i.parameters["r0"] ** 2).min()) for i in stretching)
         if kt > _TOO_HOT * stored:
             raise PreflightError(
@@ -228,8 +229,7 @@ def _warn_of_precision(model: Model, context: mm.Context, family: str, members: 
     if family != "bending" or _precision(context) == "double":
         return
     smallest = min(float(bending_angles(x[interaction.beads]).min()) for interaction in members)
-    temperature = getattr(context.getIntegrator(), "getTemperature", None)
-    kt = 0.0 if temperature is None else units.BOLTZMANN * temperature().value_in_unit(unit.kelvin)
+    kt = units.BOLTZMANN * (temperature_of(context.getIntegrator()) or 0.0)
     thermal = min(math.sqrt(kt / float(interaction.parameters["alpha"].max())) for interaction in members)
     if max(smallest, thermal) < 3e-3:
         warnings.warn(

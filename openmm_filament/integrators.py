@@ -19,7 +19,7 @@ from openmm_filament.model import Model
 from openmm_filament.starts import equilibrium_starts
 from openmm_filament.timestep import highest_frequency, slow_frequency
 
-__all__ = ["FRICTION", "euler_cromer", "internal_langevin", "langevin", "verlet"]
+__all__ = ["FRICTION", "euler_cromer", "internal_langevin", "langevin", "temperature_of", "verlet"]
 
 _LANGEVIN_STEP = 0.35
 """Default time step of `langevin` over the limit.
@@ -43,6 +43,9 @@ _RING_STEP = 0.5
 
 _LINED_UP = 0.05
 """sin(beta) at which a thermal joint under a dihedral is warned of."""
+
+_THERMAL_ENERGY = "kT"
+"""Global variable in which a CustomIntegrator says k_B T."""
 
 _MECHANICAL_STEP = 0.1
 """Default time step of `verlet` and `euler_cromer` over the limit; frequencies are then off by 1/600 at the stiffest mode
@@ -99,6 +102,20 @@ def internal_langevin(
     if seed is not None:
         integrator.setRandomNumberSeed(seed)
     return integrator
+
+
+def temperature_of(integrator: Any) -> float | None:
+    """The internal temperature (K) of an integrator's thermostat, or None where it has none.
+
+    That of `getTemperature`, or of a CustomIntegrator's global variable kT (kJ/mol), as planar models have it.
+    """
+    if (temperature := getattr(integrator, "getTemperature", None)) is not None:
+        return float(temperature().value_in_unit(unit.kelvin))
+    if isinstance(integrator, mm.CustomIntegrator):
+        names = [integrator.getGlobalVariableName(i) for i in range(integrator.getNumGlobalVariables())]
+        if _THERMAL_ENERGY in names:
+            return float(integrator.getGlobalVariableByName(_THERMAL_ENERGY)) / units.BOLTZMANN
+    return None
 
 
 def verlet(model: Model, *, timestep: unit.Quantity | None = None) -> mm.Integrator:
@@ -215,6 +232,7 @@ def _planar_langevin(model: Model, temperature: float, friction: float, dt: floa
     integrator = mm.CustomIntegrator(dt)
     integrator.addGlobalVariable("keep", math.exp(-friction * dt))
     integrator.addGlobalVariable("noise", math.sqrt(-math.expm1(-2 * friction * dt) * units.BOLTZMANN * temperature))
+    integrator.addGlobalVariable(_THERMAL_ENERGY, units.BOLTZMANN * temperature)  # only read: by `temperature_of`
     _add_mask(integrator, model)
     integrator.addUpdateContextState()
     integrator.addComputePerDof("v", "mask*(v+dt*f/m)")

@@ -19,7 +19,7 @@ from openmm import unit
 from scipy.stats import chi2
 
 import openmm_filament as of
-from openmm_filament import bending, sampling, stretching, wlc
+from openmm_filament import bending, blocks, sampling, stretching, wlc
 from openmm_filament.blocks import Block, run_block
 from openmm_filament.discretisation import exact_chain
 from openmm_filament.divergence import DivergedError
@@ -250,6 +250,16 @@ def test_a_block_in_parts_is_the_whole_block_bit_for_bit(cuts: tuple[int, ...], 
         run_block(block(samples=3, seed=99))  # another run of the same process in between does no harm
     np.testing.assert_array_equal(np.concatenate([p.extensions for p in parts], axis=1), whole.extensions)
     np.testing.assert_array_equal(np.concatenate([p.frames for p in parts]), whole.frames)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_block_that_heats_up_is_stopped_on_the_way(dimension: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not at its end: a block of a million samples, whose thermostat stands at a hundred times what it should."""
+    real = blocks.internal_langevin
+    monkeypatch.setattr(blocks, "internal_langevin", lambda model, kelvin, *rest: real(model, 100 * kelvin, *rest))
+    with pytest.raises(DivergedError, match="heated up to") as caught:
+        run_block(block(dimension=dimension, samples=1_000_000, keep_frames=False, friction=1.0))
+    assert caught.value.step < 1e5
 
 
 def test_a_block_has_the_shapes_it_says() -> None:
