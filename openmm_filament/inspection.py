@@ -17,7 +17,7 @@ from openmm_filament._term import Interaction
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.filament import COLLINEAR
 from openmm_filament.geometry import bending_angles, cross, dot, unit_vectors
-from openmm_filament.integrators import temperature_of
+from openmm_filament.integrators import is_made_for, temperature_of
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
@@ -88,8 +88,8 @@ def preflight(
     Warns
     -----
     PreflightWarning
-        For nearly collinear beads under torsion, a time step that looks physical on a scaled model, and smaller
-        forces that carry an error above the tolerance.
+        For nearly collinear beads under torsion, a time step that looks physical on a scaled model, an integrator
+        there that is not of this package, and smaller forces that carry an error above the tolerance.
     """
     x = internal_positions(model) if context is None else _context_positions(model, context)
     _check_positions(model, x)
@@ -165,12 +165,6 @@ def _check_integrator(model: Model, integrator: Any, limit: float) -> float:
         raise PreflightError(
             f"The time step must be at most the stability limit of {limit * to_ps:.6g} ps, but is {step * to_ps:.6g} ps{hint}."
         )
-    if not model.scale.is_identity and 0 < step < _MUCH_TOO_SHORT * limit:
-        warnings.warn(
-            f"The time step is {step / limit:.2g} of the stability limit{_scaled_hint(model)}.",
-            PreflightWarning,
-            stacklevel=3,
-        )
     temperature = temperature_of(integrator)
     stretching = [i for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
     if temperature is not None and stretching and not model.scale.is_identity:
@@ -181,6 +175,19 @@ def _check_integrator(model: Model, integrator: Any, limit: float) -> float:
                 f"k_B T must be small against the stretching energy k b^2, but is {kt / stored:.3g} times it"
                 f"{_scaled_hint(model)}."
             )
+    foreign = not is_made_for(integrator, model)
+    if not model.scale.is_identity and step > 0 and (foreign or step < _MUCH_TOO_SHORT * limit):
+        meant = (
+            f": {step * to_ps:.6g} ps, by an integrator that is not openmm_filament's, which says nothing of its units. If "
+            "it was made with model.to_internal all is well, and this warning may be filtered"
+            if foreign
+            else ""
+        )
+        warnings.warn(
+            f"The time step is {step / limit:.2g} of the stability limit{meant}{_scaled_hint(model)}.",
+            PreflightWarning,
+            stacklevel=3,
+        )
     return float(step)
 
 

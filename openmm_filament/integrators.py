@@ -19,7 +19,7 @@ from openmm_filament.model import Model
 from openmm_filament.starts import equilibrium_starts
 from openmm_filament.timestep import highest_frequency, slow_frequency
 
-__all__ = ["FRICTION", "euler_cromer", "internal_langevin", "langevin", "temperature_of", "verlet"]
+__all__ = ["FRICTION", "euler_cromer", "internal_langevin", "is_made_for", "langevin", "temperature_of", "verlet"]
 
 _LANGEVIN_STEP = 0.35
 """Default time step of `langevin` over the limit.
@@ -43,6 +43,9 @@ _RING_STEP = 0.5
 
 _LINED_UP = 0.05
 """sin(beta) at which a thermal joint under a dihedral is warned of."""
+
+_TAG = "_openmm_filament_scale"
+"""Attribute in which the integrators made here keep the units that they count in."""
 
 _THERMAL_ENERGY = "kT"
 """Global variable in which a CustomIntegrator says k_B T."""
@@ -101,6 +104,16 @@ def internal_langevin(
     integrator = make(temperature, friction, timestep)
     if seed is not None:
         integrator.setRandomNumberSeed(seed)
+    return _tagged(integrator, model)
+
+
+def is_made_for(integrator: Any, model: Model) -> bool:
+    """Whether an integrator comes from this module and counts in the units of this model."""
+    return bool(getattr(integrator, _TAG, None) == model.scale)
+
+
+def _tagged(integrator: Any, model: Model) -> mm.Integrator:
+    setattr(integrator, _TAG, model.scale)  # kept: `Context.getIntegrator` returns this very object
     return integrator
 
 
@@ -122,13 +135,13 @@ def verlet(model: Model, *, timestep: unit.Quantity | None = None) -> mm.Integra
     """A leapfrog Verlet integrator (Euler-Cromer without damping); by default at a tenth of the stability limit."""
     dt = _step(model, timestep, _MECHANICAL_STEP)
     if not model.planar:
-        return mm.VerletIntegrator(dt)
+        return _tagged(mm.VerletIntegrator(dt), model)
     integrator = mm.CustomIntegrator(dt)
     integrator.addUpdateContextState()
     _add_mask(integrator, model)
     integrator.addComputePerDof("v", "v+dt*mask*f/m")
     integrator.addComputePerDof("x", "x+dt*mask*v")
-    return integrator
+    return _tagged(integrator, model)
 
 
 def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.Integrator:
@@ -166,7 +179,7 @@ def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.I
         mask = "*mask"
     integrator.addComputePerDof("v", f"v+dt*({'f/m-gamma*v' if damped else 'f/m'}){mask}")
     integrator.addComputePerDof("x", f"x+dt*v{mask}")
-    return integrator
+    return _tagged(integrator, model)
 
 
 def _thermal_step(model: Model, kelvin: float) -> float:
