@@ -358,19 +358,19 @@ def test_a_force_that_diverges_in_a_worker_leaves_the_others() -> None:
 
 
 def double_well() -> of.Filament:
-    """In the plane, three stiff bent joints flip once in a long while, over 16 k_B T; five soft ones move."""
-    alpha, beta = np.repeat([100.0, 3.0], [3, 5]), np.repeat([0.9, 0.0], [3, 5])
+    """In the plane, four stiff bent joints flip once in a long while, over 44 k_B T; three soft ones move."""
+    alpha, beta = np.repeat([150.0, 3.0], [4, 3]), np.repeat([1.2, 0.0], [4, 3])
     terms = (stretching.Harmonic(150 * KJ / NM**2), bending.Harmonic(alpha * KJ, beta * unit.radian))
-    return of.Filament(of.shapes.line(9, 4 * NM)[:, [2, 0, 1]], 100 * unit.dalton, terms)
+    return of.Filament(of.shapes.line(8, 4 * NM)[:, [2, 0, 1]], 100 * unit.dalton, terms)
 
 
 def test_chains_stuck_in_separate_wells_are_told_of(in_process: None) -> None:
     """While they run, as the error that is asked for would take very long."""
 
     with pytest.raises(
-        UserWarning, match=r"in shapes of their own at 2 pN \(R-hat 1\.\d+\): the error falls only as fast"
+        UserWarning, match=r"in shapes of their own at 1 pN \(R-hat 1\.\d+\): the error falls only as fast"
     ):
-        of.force_extension(double_well(), 2 * PN, WARM, 0.03, seed=1, dimension=2, processes=1)
+        of.force_extension(double_well(), 1 * PN, WARM, 0.03, seed=1, dimension=2, processes=1)
 
 
 def test_forces_that_end_with_chains_apart_are_told_of(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
