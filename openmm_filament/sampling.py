@@ -35,7 +35,7 @@ from openmm_filament.blocks import Block, BlockResult, clamped_model, run_block
 from openmm_filament.discretisation import FEWEST_SAMPLES, PN, ExactChain, choose, exact_chain
 from openmm_filament.divergence import DivergedError
 from openmm_filament.filament import Filament
-from openmm_filament.integrators import FRICTION, langevin
+from openmm_filament.integrators import FRICTION, thermal_step
 from openmm_filament.rods import WormlikeChain
 from openmm_filament.timestep import slow_frequency
 from openmm_filament.trajectory import TrajectoryWriter
@@ -355,8 +355,7 @@ def _points(
         rate = slow_frequency(model, kelvin / model.scale.factor("temperature"))
         to_ps = model.scale.factor("time")
         friction = FRICTION * rate / to_ps
-        integrator: Any = langevin(model, temperature, timestep=timestep, friction=friction / unit.picosecond)
-        dt = integrator.getStepSize().value_in_unit(unit.picosecond)
+        dt = thermal_step(model, kelvin, timestep)
         stride = max(1, round(_SAMPLE_TIME / rate / dt))
         runs = [
             _Run(

@@ -24,7 +24,7 @@ from openmm_filament.loads import Hold, Plane
 
 PS = unit.picosecond
 REFERENCE = mm.Platform.getPlatformByName("Reference")
-TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(20 * KJ), torsion.Harmonic(3 * KJ))
+TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(200 * KJ), torsion.Harmonic(3 * KJ))
 NUMBER = r"[0-9.e+-]+"
 
 

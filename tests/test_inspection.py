@@ -21,7 +21,7 @@ from openmm_filament.loads import Hold, Plane, Pull
 PS = unit.picosecond
 WARM = 298 * unit.kelvin
 REFERENCE = mm.Platform.getPlatformByName("Reference")
-TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(20 * KJ), torsion.Harmonic(3 * KJ))
+TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(200 * KJ), torsion.Harmonic(3 * KJ))
 
 
 def helix(terms: Any = TERMS) -> of.Filament:
