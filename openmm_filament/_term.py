@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
@@ -39,6 +39,11 @@ class Term(ABC):
     """The parameters of `expression` and the dimension of each, in the order they are added."""
     needs_bends: ClassVar[bool] = False
     """Whether the term is undefined where three successive beads are collinear."""
+
+    def __post_init__(self) -> None:
+        """Keep copies, so that arrays changed later by their owner do not change the term."""
+        for field in fields(self):  # type: ignore[arg-type]
+            object.__setattr__(self, field.name, units.frozen_copy(getattr(self, field.name)))
 
     @abstractmethod
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,10 @@ from openmm import app, unit
 
 from openmm_filament import _checks as check
 from openmm_filament import units
-from openmm_filament.evaluation import internal_positions
+from openmm_filament.evaluation import internal_positions, kinetic_temperature
 from openmm_filament.geometry import bending_angles, dihedrals
 from openmm_filament.inspection import describe_bead
+from openmm_filament.integrators import temperature_of
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
@@ -23,6 +25,9 @@ Array = NDArray[np.float64]
 
 _FAR = 1e3
 """Extent over that of the rest positions that only a run gone wrong reaches."""
+
+_SURE = 50.0
+"""A look at a thermal run is a false alarm with a probability below e to the minus this."""
 
 _REPLAY = 2000
 """At most so many single steps are repeated from the last good frame to find the step at which a run diverged."""
@@ -70,9 +75,9 @@ class Watch:
     def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
         """When OpenMM is to call next, and with what; the first call keeps the starting frame."""
         if self._good is None:
-            self.look(simulation, simulation.context.getState(positions=True, velocities=True, energy=True))
+            self.look(simulation, simulation.context.getState(positions=True, velocities=True))
         steps = self._interval - simulation.currentStep % self._interval
-        return {"steps": steps, "periodic": None, "include": ["positions", "velocities", "energy"]}
+        return {"steps": steps, "periodic": None, "include": ["positions", "velocities"]}
 
     def report(self, simulation: app.Simulation, state: mm.State) -> None:
         """Called by OpenMM every `interval` steps."""
@@ -83,8 +88,8 @@ class Watch:
         positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
         if not has_left(self._model, positions):
             velocities = units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity")
-            if (thermostat := getattr(simulation.integrator, "getTemperature", None)) is not None:
-                check_heat(self._model, state, thermostat().value_in_unit(unit.kelvin), simulation.currentStep)
+            if (temperature := temperature_of(simulation.integrator)) is not None:
+                check_heat(self._model, positions, velocities, temperature, simulation.currentStep)
             self._good = positions, velocities, simulation.currentStep
             return positions
         raise diagnose(self._model, simulation.context, positions, simulation.currentStep, self._good)
@@ -97,22 +102,24 @@ def has_left(model: Model, positions: Array) -> bool:
     return bool(np.ptp(positions, axis=0).max() > _FAR * np.ptp(internal_positions(model), axis=0).max())
 
 
-def check_heat(model: Model, state: mm.State, temperature: float, step: int) -> None:
+def check_heat(model: Model, positions: Array, velocities: Array, temperature: float, step: int) -> None:
     """Raise DivergedError where a thermal run is far hotter than its thermostat: unstable, though finite.
 
-    `temperature` is internal, in K. A time step below the stability limit makes the kinetic temperature too low, never
-    too high; the bound allows ten standard deviations of its fluctuation.
+    Positions and velocities (N, 3) and the temperature (K) are internal; nothing is drawn from a random stream. A time
+    step below the stability limit makes the kinetic temperature too low, never too high. A thermal run exceeds the
+    bound with a probability of e^-50 a look: chi-squared of n degrees exceeds `n + 2 sqrt(n y) + 2 y` with less than
+    e^-y (Laurent and Massart, Ann. Stat. 2000).
     """
+    found = kinetic_temperature(model, velocities)
     degrees = (2 if model.planar else 3) * (int(model.starts[-1]) - len(model.held))
-    kinetic = units.number("kinetic energy", state.getKineticEnergy(), "energy")
-    found = 2 * kinetic / (units.BOLTZMANN * degrees)
-    if found <= temperature * (1 + 10 * np.sqrt(2 / degrees)):
+    if not degrees or found <= temperature * (1 + 2 * math.sqrt(_SURE / degrees) + 2 * _SURE / degrees):
         return
-    positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
     to_kelvin = model.scale.factor("temperature")
+    lined_up = any(interaction.term.needs_bends for interaction in model.interactions)
     raise DivergedError(
         f"The run has heated up to {found * to_kelvin:.4g} K by step {step}, its thermostat standing at "
-        f"{temperature * to_kelvin:.4g} K: the time step is too long.",
+        f"{temperature * to_kelvin:.4g} K: the time step is too long, or the start was far from equilibrium"
+        f"{', or beads under a dihedral have come into line' if lined_up else ''}.",
         0,
         "unknown",
         step,

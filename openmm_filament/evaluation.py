@@ -12,7 +12,7 @@ from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.model import Model
 
-__all__ = ["energies", "forces", "internal_positions"]
+__all__ = ["energies", "forces", "internal_positions", "kinetic_temperature"]
 
 
 def internal_positions(model: Model, positions: Any = None) -> NDArray[np.float64]:
@@ -21,6 +21,18 @@ def internal_positions(model: Model, positions: Any = None) -> NDArray[np.float6
         return units.numbers("positions", model.positions, "length")
     values = check.shape("positions", units.numbers("positions", positions, "length"), (int(model.starts[-1]), 3))
     return values / model.scale.length
+
+
+def kinetic_temperature(model: Model, velocities: NDArray[np.float64]) -> float:
+    """Internal kinetic temperature (K) of internal velocities (N, 3): `sum m v^2/(k_B n)` over the n free degrees.
+
+    Held beads are left out, and the third coordinate of a planar model. 0 where nothing is free.
+    """
+    free = np.ones(len(velocities), dtype=bool)
+    free[model.held] = False
+    moving = velocities[free, : 2 if model.planar else 3]
+    twice = float(model.masses[free] @ (moving * moving).sum(axis=1))
+    return twice / (units.BOLTZMANN * moving.size) if moving.size else 0.0
 
 
 def _context(model: Model, positions: Any, platform: mm.Platform | None) -> mm.Context:

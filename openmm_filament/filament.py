@@ -34,7 +34,7 @@ def _frozen(values: NDArray[np.float64], dimension: str) -> unit.Quantity:
     return units.quantity(values, dimension)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Filament:
     """A chain of beads held by exactly the terms given, and by nothing else.
 
@@ -125,6 +125,12 @@ class Filament:
         if values.ndim:
             check.shape(name, values, (len(self),))
         return np.array(np.broadcast_to(values, (len(self),)))
+
+    def __repr__(self) -> str:
+        """One line: beads, terms, and whether it is a ring."""
+        words = [f"{len(self)} beads", ", ".join(_name(term) for term in self.terms) or "no terms"]
+        words += ["closed"] * self.closed + ["damped"] * (self.damping is not None)
+        return f"<Filament: {'; '.join(words)}>"
 
     def __len__(self) -> int:
         """Number of beads."""

@@ -17,6 +17,7 @@ from openmm_filament._term import Interaction
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.filament import COLLINEAR
 from openmm_filament.geometry import bending_angles, cross, dot, unit_vectors
+from openmm_filament.integrators import is_made_for, temperature_of
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
@@ -87,8 +88,8 @@ def preflight(
     Warns
     -----
     PreflightWarning
-        For nearly collinear beads under torsion, a time step that looks physical on a scaled model, and smaller
-        forces that carry an error above the tolerance.
+        For nearly collinear beads under torsion, a time step that looks physical on a scaled model, an integrator
+        there that is not of this package, and smaller forces that carry an error above the tolerance.
     """
     x = internal_positions(model) if context is None else _context_positions(model, context)
     _check_positions(model, x)
@@ -164,22 +165,29 @@ def _check_integrator(model: Model, integrator: Any, limit: float) -> float:
         raise PreflightError(
             f"The time step must be at most the stability limit of {limit * to_ps:.6g} ps, but is {step * to_ps:.6g} ps{hint}."
         )
-    if not model.scale.is_identity and 0 < step < _MUCH_TOO_SHORT * limit:
-        warnings.warn(
-            f"The time step is {step / limit:.2g} of the stability limit{_scaled_hint(model)}.",
-            PreflightWarning,
-            stacklevel=3,
-        )
-    temperature = getattr(integrator, "getTemperature", None)
+    temperature = temperature_of(integrator)
     stretching = [i for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
     if temperature is not None and stretching and not model.scale.is_identity:
-        kt = units.BOLTZMANN * temperature().value_in_unit(unit.kelvin)
+        kt = units.BOLTZMANN * temperature
         stored = min(float((i.parameters["k"] * i.parameters["r0"] ** 2).min()) for i in stretching)
         if kt > _TOO_HOT * stored:
             raise PreflightError(
                 f"k_B T must be small against the stretching energy k b^2, but is {kt / stored:.3g} times it"
                 f"{_scaled_hint(model)}."
             )
+    foreign = not is_made_for(integrator, model)
+    if not model.scale.is_identity and step > 0 and (foreign or step < _MUCH_TOO_SHORT * limit):
+        meant = (
+            f": {step * to_ps:.6g} ps, by an integrator that is not openmm_filament's, which says nothing of its units. If "
+            "it was made with model.to_internal all is well, and this warning may be filtered"
+            if foreign
+            else ""
+        )
+        warnings.warn(
+            f"The time step is {step / limit:.2g} of the stability limit{meant}{_scaled_hint(model)}.",
+            PreflightWarning,
+            stacklevel=3,
+        )
     return float(step)
 
 
@@ -228,8 +236,7 @@ def _warn_of_precision(model: Model, context: mm.Context, family: str, members: 
     if family != "bending" or _precision(context) == "double":
         return
     smallest = min(float(bending_angles(x[interaction.beads]).min()) for interaction in members)
-    temperature = getattr(context.getIntegrator(), "getTemperature", None)
-    kt = 0.0 if temperature is None else units.BOLTZMANN * temperature().value_in_unit(unit.kelvin)
+    kt = units.BOLTZMANN * (temperature_of(context.getIntegrator()) or 0.0)
     thermal = min(math.sqrt(kt / float(interaction.parameters["alpha"].max())) for interaction in members)
     if max(smallest, thermal) < 3e-3:
         warnings.warn(

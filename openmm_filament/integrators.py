@@ -14,12 +14,21 @@ from openmm import unit
 from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.evaluation import internal_positions
-from openmm_filament.filament import sines
 from openmm_filament.model import Model
 from openmm_filament.starts import equilibrium_starts
 from openmm_filament.timestep import highest_frequency, slow_frequency
+from openmm_filament.trial import energy_gain
 
-__all__ = ["FRICTION", "euler_cromer", "internal_langevin", "langevin", "verlet"]
+__all__ = [
+    "FRICTION",
+    "euler_cromer",
+    "internal_langevin",
+    "is_made_for",
+    "langevin",
+    "temperature_of",
+    "thermal_step",
+    "verlet",
+]
 
 _LANGEVIN_STEP = 0.35
 """Default time step of `langevin` over the limit.
@@ -41,8 +50,15 @@ of the latter heated up without bound."""
 _RING_STEP = 0.5
 """Part of the limit of a ring's rest shape taken for that of its thermal shapes, which are not drawn."""
 
-_LINED_UP = 0.05
-"""sin(beta) at which a thermal joint under a dihedral is warned of."""
+_GAIN = 0.1
+"""Gain of energy in a trial, over the thermal kinetic energy, that is warned of. Measured on helices: at most 0.006 where
+long runs keep their temperature, above 100 where they heat up without end; 9 on one with soft joints, 750 K hot, not 298."""
+
+_TAG = "_openmm_filament_scale"
+"""Attribute in which the integrators made here keep the units that they count in."""
+
+_THERMAL_ENERGY = "kT"
+"""Global variable in which a CustomIntegrator says k_B T."""
 
 _MECHANICAL_STEP = 0.1
 """Default time step of `verlet` and `euler_cromer` over the limit; frequencies are then off by 1/600 at the stiffest mode
@@ -76,10 +92,15 @@ def langevin(
         independent sample.
     seed : int, optional
         Of the noise; by default OpenMM draws one.
+
+    Warns
+    -----
+    UserWarning
+        Where beads under a dihedral come into line so that the run would heat up, in a trial of about a second.
     """
     kelvin = check.positive("temperature", units.number("temperature", temperature, "temperature")).item()
     internal = kelvin / model.scale.factor("temperature")
-    dt = _thermal_step(model, kelvin) if timestep is None else _step(model, timestep, 1.0)
+    dt = thermal_step(model, kelvin, timestep)
     rate = (
         slow_frequency(model, internal) * FRICTION
         if friction is None
@@ -87,6 +108,7 @@ def langevin(
     )
     if seed is not None:
         check.integer("seed", seed, low=1, high=2**31 - 1)
+    _try(model, internal, dt)
     return internal_langevin(model, internal, rate, dt, seed)
 
 
@@ -98,20 +120,44 @@ def internal_langevin(
     integrator = make(temperature, friction, timestep)
     if seed is not None:
         integrator.setRandomNumberSeed(seed)
+    return _tagged(integrator, model)
+
+
+def is_made_for(integrator: Any, model: Model) -> bool:
+    """Whether an integrator comes from this module and counts in the units of this model."""
+    return bool(getattr(integrator, _TAG, None) == model.scale)
+
+
+def _tagged(integrator: Any, model: Model) -> mm.Integrator:
+    setattr(integrator, _TAG, model.scale)  # kept: `Context.getIntegrator` returns this very object
     return integrator
+
+
+def temperature_of(integrator: Any) -> float | None:
+    """The internal temperature (K) of an integrator's thermostat, or None where it has none.
+
+    That of `getTemperature`, or of a CustomIntegrator's global variable kT (kJ/mol), as planar models have it.
+    """
+    if (temperature := getattr(integrator, "getTemperature", None)) is not None:
+        return float(temperature().value_in_unit(unit.kelvin))
+    if isinstance(integrator, mm.CustomIntegrator):
+        names = [integrator.getGlobalVariableName(i) for i in range(integrator.getNumGlobalVariables())]
+        if _THERMAL_ENERGY in names:
+            return float(integrator.getGlobalVariableByName(_THERMAL_ENERGY)) / units.BOLTZMANN
+    return None
 
 
 def verlet(model: Model, *, timestep: unit.Quantity | None = None) -> mm.Integrator:
     """A leapfrog Verlet integrator (Euler-Cromer without damping); by default at a tenth of the stability limit."""
     dt = _step(model, timestep, _MECHANICAL_STEP)
     if not model.planar:
-        return mm.VerletIntegrator(dt)
+        return _tagged(mm.VerletIntegrator(dt), model)
     integrator = mm.CustomIntegrator(dt)
     integrator.addUpdateContextState()
     _add_mask(integrator, model)
     integrator.addComputePerDof("v", "v+dt*mask*f/m")
     integrator.addComputePerDof("x", "x+dt*mask*v")
-    return integrator
+    return _tagged(integrator, model)
 
 
 def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.Integrator:
@@ -149,15 +195,33 @@ def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.I
         mask = "*mask"
     integrator.addComputePerDof("v", f"v+dt*({'f/m-gamma*v' if damped else 'f/m'}){mask}")
     integrator.addComputePerDof("x", f"x+dt*v{mask}")
-    return integrator
+    return _tagged(integrator, model)
 
 
-def _thermal_step(model: Model, kelvin: float) -> float:
-    """The default time step of `langevin` in internal units."""
+def thermal_step(model: Model, kelvin: float, timestep: unit.Quantity | None = None) -> float:
+    """The time step of `langevin` in internal units: as given, checked, or the default at so many physical kelvin."""
+    if timestep is not None:
+        return _step(model, timestep, 1.0)
     limit = 2.0 / highest_frequency(model, internal_positions(model))
     if any(interaction.term.needs_bends for interaction in model.interactions):
         return _TORSION_STEP * min(limit, _thermal_limit(model, kelvin))
     return _LANGEVIN_STEP * limit
+
+
+def _try(model: Model, temperature: float, dt: float) -> None:
+    """Warn where a trial of a model with dihedrals heats up at this internal temperature and time step."""
+    if model.planar or not any(i.term.needs_bends and len(i.beads) for i in model.interactions):
+        return
+    gain = energy_gain(model, temperature, dt)
+    if gain > _GAIN:
+        warnings.warn(
+            f"In a trial at this time step the energy rose to {gain:.3g} times the thermal kinetic energy before a "
+            "thermostat could take it away: beads under a dihedral come into line, where its force grows as one over the "
+            "sine of the bending angle, and no time step is short enough for good. Take torsion.Weighted, which is "
+            "smooth there, or stiffer or more bent joints.",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 def _thermal_limit(model: Model, kelvin: float) -> float:
@@ -165,23 +229,13 @@ def _thermal_limit(model: Model, kelvin: float) -> float:
     if any(filament.closed for filament in model.filaments):
         return _RING_STEP * 2.0 / highest_frequency(model, internal_positions(model))
     rng = np.random.default_rng(0)
-    limits, smallest = [], math.inf
+    limits = []
     for _ in range(_THERMAL_SHAPES):
         shapes = []
         for filament, load in zip(model.filaments, model.loads, strict=True):
             pull = float(np.linalg.norm(sum(load.pulls.values(), np.zeros(3))))
             shapes.append(equilibrium_starts(filament, pull, kelvin, 1, rng)[0])
-            if any(term.needs_bends for term in filament.terms):
-                smallest = min(smallest, float(sines(shapes[-1]).min()))
         limits.append(2.0 / highest_frequency(model, np.concatenate(shapes) / model.scale.length))
-    if smallest < _LINED_UP:
-        warnings.warn(
-            f"Three beads under a dihedral come into line in thermal motion (sin of the bending angle {smallest:.2g} "
-            f"among {_THERMAL_SHAPES} shapes), where its force grows as one over that sine: no time step is short enough "
-            "for good. Take torsion.Weighted, which is smooth there, or stiffer or more bent joints.",
-            UserWarning,
-            stacklevel=4,
-        )
     return min(limits)
 
 
@@ -215,6 +269,7 @@ def _planar_langevin(model: Model, temperature: float, friction: float, dt: floa
     integrator = mm.CustomIntegrator(dt)
     integrator.addGlobalVariable("keep", math.exp(-friction * dt))
     integrator.addGlobalVariable("noise", math.sqrt(-math.expm1(-2 * friction * dt) * units.BOLTZMANN * temperature))
+    integrator.addGlobalVariable(_THERMAL_ENERGY, units.BOLTZMANN * temperature)  # only read: by `temperature_of`
     _add_mask(integrator, model)
     integrator.addUpdateContextState()
     integrator.addComputePerDof("v", "mask*(v+dt*f/m)")

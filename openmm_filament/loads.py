@@ -22,6 +22,11 @@ class Load:
     """Base of everything that acts from outside; the final classes below say what they do."""
 
 
+def _own(beads: int | Sequence[int]) -> int | Sequence[int]:
+    """The indices, copied where they are several, so that they stay what they are."""
+    return tuple(beads) if isinstance(beads, (Sequence, np.ndarray)) else beads
+
+
 def _indices(beads: int | Sequence[int], length: int, name: str) -> list[int]:
     """Bead indices counted from the front, each once."""
     listed = list(beads) if isinstance(beads, (Sequence, np.ndarray)) else [beads]
@@ -39,6 +44,9 @@ class Hold(Load):
     """
 
     beads: int | Sequence[int]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "beads", _own(self.beads))
 
 
 @final
@@ -58,6 +66,8 @@ class Pull(Load):
 
     def __post_init__(self) -> None:
         check.finite("force", check.shape("force", units.numbers("force", self.force, "force"), (3,)))
+        object.__setattr__(self, "force", units.frozen_copy(self.force))
+        object.__setattr__(self, "beads", _own(self.beads))
 
 
 @final

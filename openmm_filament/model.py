@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 _SHORTEST_SEGMENT, _LARGEST_EXTENT = 0.3, 1e6
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """Filaments as an OpenMM System.
 
@@ -63,6 +63,13 @@ class Model:
     loads: tuple[Loads, ...]
     interactions: tuple[Interaction, ...]
     planar: bool
+
+    def __repr__(self) -> str:
+        """One line: beads, filaments, terms, scale and plane."""
+        kinds = ", ".join(dict.fromkeys(f"{i.term.family}.{i.term.__name__}" for i in self.interactions)) or "no terms"
+        words = [f"{self.starts[-1]} beads", f"{len(self.filaments)} filaments", kinds]
+        words += ["scaled"] * (not self.scale.is_identity) + ["planar"] * self.planar
+        return f"<Model: {'; '.join(words)}>"
 
     @cached_property
     def topology(self) -> app.Topology:

@@ -11,6 +11,7 @@ import numpy as np
 import openmm as mm
 from openmm import unit
 
+from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.model import Model
 
@@ -46,13 +47,16 @@ def needed_precision(model: Model, temperature: unit.Quantity | None = None) -> 
 
 
 def platform_properties(
-    model: Model, platform: mm.Platform, temperature: unit.Quantity | None = None
+    model: Model, platform: mm.Platform | str, temperature: unit.Quantity | None = None
 ) -> dict[str, str]:
     """Properties for a Context or Simulation on `platform`: the precision that the model needs, where there is a choice.
 
-    They are for one Context; a Platform is one object per process, so its defaults are left alone.
+    `platform` may be its name. The properties are for one Context; a Platform is one object per process, so its defaults
+    are left alone.
     """
-    if platform.getName() in _GPU:
+    name = platform if isinstance(platform, str) else platform.getName()
+    check.one_of("platform", name, [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())])
+    if name in _GPU:
         return {"Precision": needed_precision(model, temperature)}
     return {}
 

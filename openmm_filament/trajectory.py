@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import openmm as mm
@@ -39,7 +39,7 @@ class TrajectoryWriter:
         Of the DCD. The sidecar stands beside it with the suffix .jsonl, and the PDB with the suffix .pdb, "topology"
         standing for "trajectory" in its name.
     overwrite : bool
-        Whether files that exist may be replaced; otherwise FileExistsError.
+        Whether files that exist may be replaced, when the first frame is written; otherwise FileExistsError.
     """
 
     def __init__(self, model: Model, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -57,27 +57,41 @@ class TrajectoryWriter:
                 raise FileExistsError(
                     f"Argument `path` must not name an existing trajectory, but {file} exists: pass overwrite=True."
                 )
-        with pdb.open("w") as out:
-            app.PDBFile.writeFile(model.topology, model.positions, out, keepIds=True)
-        self._dcd_file = self.path.open("wb")
-        self._sidecar = sidecar.open("w")
-        self._dcd = app.DCDFile(self._dcd_file, model.topology, 1.0 * unit.picosecond)
-        self._say(_header(model, os.path.relpath(pdb, self.path.parent)))
+            if not os.access(file if file.exists() else file.parent, os.W_OK):
+                raise PermissionError(f"Argument `path` must name files that can be written, but {file} cannot.")
+        self._pdb, self._sidecar_path = pdb, sidecar
+        self._files: tuple[IO[bytes], IO[str]] | None = None
+        self._closed = False
 
     def write(self, positions: NDArray[np.floating], step: int, time: float, **more: float) -> None:
         """Append a frame: internal positions (N, 3), its step and internal time; `more` goes into the sidecar."""
+        if self._closed:
+            raise ValueError(f"A frame must go into an open file, but {self.path} is a closed file.")
+        if self._files is None:
+            self._begin()
+        assert self._files is not None
         self._dcd.writeModel(positions * unit.nanometer)
-        self._dcd_file.flush()
+        self._files[0].flush()
         self._say({"step": step, "time_ps": time * self._model.scale.factor("time"), **more})
 
     def close(self) -> None:
         """Close the files; a closed writer takes no frames."""
-        self._dcd_file.close()
-        self._sidecar.close()
+        self._closed = True
+        for file in self._files or ():
+            file.close()
+
+    def _begin(self) -> None:
+        """Open the files, which ends those that were there."""
+        with self._pdb.open("w") as out:
+            app.PDBFile.writeFile(self._model.topology, self._model.positions, out, keepIds=True)
+        self._files = self.path.open("wb"), self._sidecar_path.open("w")
+        self._dcd = app.DCDFile(self._files[0], self._model.topology, 1.0 * unit.picosecond)
+        self._say(_header(self._model, os.path.relpath(self._pdb, self.path.parent)))
 
     def _say(self, entry: dict[str, Any]) -> None:
-        self._sidecar.write(json.dumps(entry) + "\n")
-        self._sidecar.flush()
+        assert self._files is not None
+        self._files[1].write(json.dumps(entry) + "\n")
+        self._files[1].flush()
 
 
 def _header(model: Model, topology: str) -> dict[str, Any]:

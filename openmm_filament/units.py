@@ -10,6 +10,7 @@ factor of every other dimension from them.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,17 @@ from openmm import unit
 
 from openmm_filament import _checks as check
 
-__all__ = ["BOLTZMANN", "COULOMB", "NANOMETER_SCALE", "Scale", "dimension_of", "number", "numbers", "quantity"]
+__all__ = [
+    "BOLTZMANN",
+    "COULOMB",
+    "NANOMETER_SCALE",
+    "Scale",
+    "dimension_of",
+    "frozen_copy",
+    "number",
+    "numbers",
+    "quantity",
+]
 
 BOLTZMANN: float = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)
 """Boltzmann's constant in kJ/mol/K (the very value OpenMM uses)."""
@@ -110,6 +121,16 @@ def number(name: str, value: Any, dimension: str) -> float:
     values = numbers(name, value, dimension)
     check.shape(name, values, ())
     return float(values)
+
+
+def frozen_copy(value: Any) -> Any:
+    """A Quantity with a copy of its array, which cannot be written; anything else as it is."""
+    if not isinstance(value, unit.Quantity) or not isinstance(value._value, (np.ndarray, list)):
+        return value
+    held = copy.deepcopy(value._value)
+    if isinstance(held, np.ndarray):
+        held.flags.writeable = False
+    return unit.Quantity(held, value.unit)
 
 
 def quantity(value: Any, dimension: str) -> unit.Quantity:

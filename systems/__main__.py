@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
@@ -12,8 +16,26 @@ from systems.scene import OutputError, fresh_folder
 SYSTEMS = {"dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain"}
 
 
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """The first SIGTERM ends a run as Ctrl-C does; more of them, as some tools send, do not disturb that."""
+
+    def interrupt(*_: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; 0 if every exact check passed, 1 if one failed, 2 for bad arguments, 130 after Ctrl-C."""
+    """Run the command line; 0 if every exact check passed, 1 if one failed, 2 for bad arguments, 130 after Ctrl-C or SIGTERM."""
     given = sys.argv[1:] if arguments is None else arguments
     name = next((a for a in given if not a.startswith("-")), None)
     parser = argparse.ArgumentParser(
@@ -39,7 +61,10 @@ def main(arguments: list[str] | None = None) -> int:
     if options.output is None:
         parser.error("Argument `--output` must name a folder for the results, but is missing.")
     try:
-        with fresh_folder(options.output.absolute(), overwrite=options.overwrite) as draft:
+        with (
+            _terminated_as_interrupted(),
+            fresh_folder(options.output.absolute(), overwrite=options.overwrite) as draft,
+        ):
             code: int = system.run(draft.folder, quick=options.quick, seed=options.seed, options=options)
             place = draft.settle(complete=code == 0)
     except OutputError as error:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import re
 import shutil
+import socket
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,6 +22,10 @@ __all__ = ["Check", "Draft", "OutputError", "Summary", "fresh_folder"]
 
 _RESULTS = frozenset({".json", ".csv", ".nc", ".png", ".pdb", ".dcd", ".jsonl"})
 """Suffixes of the files that systems write, which new results replace."""
+
+
+_DRAFT = "draft"
+"""Word in the names of drafts, before the machine and the process that write them."""
 
 
 class OutputError(ValueError):
@@ -139,7 +146,9 @@ def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Draft]:
         )
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
+        _remove_stale_drafts(output)
+        prefix = f".{output.name}-{_DRAFT}-{socket.gethostname()}-{os.getpid()}-"
+        draft = Path(tempfile.mkdtemp(prefix=prefix, dir=output.parent))
     except OSError as error:
         raise OutputError(
             f"Argument `--output` must be a folder that can be written, but {output} cannot: {error}."
@@ -149,6 +158,28 @@ def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Draft]:
         yield Draft(draft, output)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
+
+
+def _remove_stale_drafts(output: Path) -> None:
+    """Remove the drafts of killed runs into this output: folders named as drafts of this machine, their process gone."""
+    name = re.compile(rf"\.{re.escape(output.name)}-{_DRAFT}-{re.escape(socket.gethostname())}-(\d+)-[a-z0-9_]{{8}}")
+    for entry in output.parent.iterdir():
+        found = name.fullmatch(entry.name)
+        if found and entry.is_dir() and not entry.is_symlink() and not _is_running(int(found[1])):
+            shutil.rmtree(entry, ignore_errors=True)
+
+
+def _is_running(process: int) -> bool:
+    """Whether there is a process of this number; where that cannot be asked, there may be."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _replace(output: Path, draft: Path) -> None:

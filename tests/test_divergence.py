@@ -17,12 +17,14 @@ from openmm import app, unit
 
 import openmm_filament as of
 from openmm_filament import bending, stretching, torsion
-from openmm_filament.divergence import DivergedError
-from openmm_filament.loads import Hold
+from openmm_filament.divergence import DivergedError, check_heat
+from openmm_filament.evaluation import kinetic_temperature
+from openmm_filament.integrators import temperature_of
+from openmm_filament.loads import Hold, Plane
 
 PS = unit.picosecond
 REFERENCE = mm.Platform.getPlatformByName("Reference")
-TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(20 * KJ), torsion.Harmonic(3 * KJ))
+TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(200 * KJ), torsion.Harmonic(3 * KJ))
 NUMBER = r"[0-9.e+-]+"
 
 
@@ -223,3 +225,96 @@ def test_the_error_survives_pickling() -> None:
 def test_bad_intervals_are_refused(interval: Any, error: type[Exception]) -> None:
     with pytest.raises(error, match=rf"`interval` must be .* but is {interval}"):
         of.watch(of.build(helix()), interval)
+
+
+# Heat ---------------------------------------------------------------------------------------------------------------
+
+
+WARM = 298 * unit.kelvin
+
+
+def planar(*loads: Any) -> of.Model:
+    terms = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(20 * KJ))
+    return of.build(of.Filament(of.shapes.line(20, 1 * NM), 10 * unit.dalton, terms), loads or [Hold(0), Plane()])
+
+
+def velocities(run: app.Simulation) -> Array:
+    return run.context.getState(velocities=True).getVelocities(asNumpy=True).value_in_unit(NM / PS)
+
+
+def thermal(model: of.Model, seed: int = 1) -> app.Simulation:
+    run = app.Simulation(model.topology, model.system, of.langevin(model, WARM, seed=seed), REFERENCE)
+    run.context.setPositions(model.positions)
+    run.context.setVelocitiesToTemperature(model.to_internal(WARM), seed)
+    return run
+
+
+@pytest.mark.parametrize("loads", [(Hold(7),), (Hold([0, 3]),), (Hold(0), Plane())], ids=["held", "two held", "planar"])
+def test_the_kinetic_temperature_is_that_of_the_free_degrees(loads: Any) -> None:
+    """Against a sum bead by bead, and in mean the one that the velocities were drawn at; |z| <= 4."""
+    model = planar(*loads)
+    rng = np.random.default_rng(3)
+    held, axes = set(model.held.tolist()), 2 if model.planar else 3
+    found = []
+    for _ in range(400):
+        v = rng.normal(size=(21, 3)) * np.sqrt(of.units.BOLTZMANN * 298 / 10)
+        found.append(kinetic_temperature(model, v))
+    twice = sum(10 * v[i, k] ** 2 for i in range(21) if i not in held for k in range(axes))
+    degrees = axes * (21 - len(held))
+    assert found[-1] == pytest.approx(twice / (of.units.BOLTZMANN * degrees), rel=tol.ROUNDING)
+    assert abs(np.mean(found) - 298) <= tol.SIGMAS * 298 * np.sqrt(2 / degrees / 400)
+
+
+def test_the_kinetic_temperature_of_openmm_is_the_same() -> None:
+    run = thermal(of.build(helix(), [Hold(0)]))
+    kinetic = run.context.getState(energy=True).getKineticEnergy().value_in_unit(KJ)
+    model = of.build(helix(), [Hold(0)])
+    assert kinetic_temperature(model, velocities(run)) == pytest.approx(
+        2 * kinetic / (of.units.BOLTZMANN * 33), rel=tol.ROUNDING
+    )
+
+
+@pytest.mark.parametrize("make", [planar, lambda: of.build(helix(), [Hold(0)])], ids=["planar", "3D"])
+def test_a_run_that_is_hot_is_stopped_though_finite(make: Any, reporter: Any) -> None:
+    """Velocities ten times the thermal ones: a hundred times the temperature."""
+    model = make()
+    run = thermal(model)
+    run.reporters.append(reporter(model, 5))
+    run.step(50)
+    run.context.setVelocities(10 * velocities(run) * NM / PS)
+    with pytest.raises(DivergedError, match=r"heated up to \S+ K by step 55, its thermostat standing at 298 K"):
+        run.step(50)
+
+
+def test_looking_draws_nothing_from_the_random_stream() -> None:
+    """A planar run is the same bit for bit with and without a watch (OpenMM's own energy would draw from it)."""
+    model = planar()
+    ends = []
+    for watched in (True, False):
+        run = thermal(model)
+        if watched:
+            run.reporters.append(of.watch(model, 10))
+        run.step(200)
+        ends.append(velocities(run))
+        del run
+    np.testing.assert_array_equal(*ends)
+
+
+def test_integrators_say_their_temperature() -> None:
+    for model in (planar(), of.build(helix())):
+        assert temperature_of(of.langevin(model, WARM)) == pytest.approx(298, rel=tol.ROUNDING)
+        assert temperature_of(of.verlet(model)) is None
+        assert temperature_of(of.euler_cromer(model)) is None
+
+
+def test_a_single_bead_seldom_gives_a_false_alarm() -> None:
+    """Two degrees of freedom fluctuate by 100 %: a look at each step of a long run must not stop it."""
+    spring = of.Filament(of.shapes.line(1, 5 * NM), 10 * unit.dalton, (stretching.Harmonic(40 * KJ / NM**2),))
+    model = of.build(spring, [Hold(0), Plane()])
+    v = np.random.default_rng(1).normal(size=(300_000, 2)) * np.sqrt(of.units.BOLTZMANN * 298 / 10)
+    worst = np.zeros((2, 3))
+    worst[1, :2] = v[np.argmax((v**2).sum(axis=1))]
+    assert kinetic_temperature(model, worst) > 298 * 11  # ten standard deviations
+    check_heat(model, worst, worst, 298, 1)
+    with pytest.raises(DivergedError, match="heated up"):
+        check_heat(model, worst, 3 * worst, 298, 1)

@@ -65,6 +65,25 @@ def test_a_filament_keeps_shape_masses_and_terms_and_is_frozen(x: Array, closed:
     assert len(interaction.beads) == len(x) - (not closed)
 
 
+def test_a_filament_prints_in_one_line() -> None:
+    terms = (stretching.Harmonic(1 * KJ / NM**2), bending.Cosine(1 * KJ))
+    ring = of.Filament(of.shapes.ring(30, 1 * NM), 1 * unit.dalton, terms, damping=1 / unit.picosecond, closed=True)
+    assert repr(ring) == "<Filament: 30 beads; stretching.Harmonic, bending.Cosine; closed; damped>"
+    assert repr(of.Filament(np.eye(3) * NM, 1 * unit.dalton, ())) == "<Filament: 3 beads; no terms>"
+
+
+@pytest.mark.parametrize("form", [np.array, list])
+def test_terms_keep_their_numbers_when_the_arrays_change(form: Any) -> None:
+    given = form([1.0, 2.0, 3.0])
+    term = stretching.Harmonic(unit.Quantity(given, KJ / NM**2))
+    given[1] = 50.0
+    bound = of.Filament(of.shapes.line(3, 1 * NM), 1 * unit.dalton, (term,)).interactions()[0]
+    np.testing.assert_allclose(bound.parameters["k"], [1.0, 2.0, 3.0])
+    if form is np.array:
+        with pytest.raises(ValueError, match="read-only"):
+            term.stiffness._value[0] = 5.0
+
+
 def test_units_are_converted_on_the_way_in() -> None:
     x = random_chain(np.random.default_rng(1), 5)
     chain = of.Filament(10 * x * unit.angstrom, np.full(5, 0.018) * unit.kilogram / unit.mole, [SPRING])

@@ -16,12 +16,12 @@ from openmm import unit
 import openmm_filament as of
 from openmm_filament import bending, stretching, torsion
 from openmm_filament.inspection import Preflight, PreflightError, PreflightWarning, describe_bead
-from openmm_filament.loads import Hold, Pull
+from openmm_filament.loads import Hold, Plane, Pull
 
 PS = unit.picosecond
 WARM = 298 * unit.kelvin
 REFERENCE = mm.Platform.getPlatformByName("Reference")
-TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(20 * KJ), torsion.Harmonic(3 * KJ))
+TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(200 * KJ), torsion.Harmonic(3 * KJ))
 
 
 def helix(terms: Any = TERMS) -> of.Filament:
@@ -197,11 +197,43 @@ def test_a_physical_time_step_on_a_scaled_model_is_caught() -> None:
     model = wire()
     second = of.stable_timestep(model).value_in_unit(unit.second)
     with pytest.warns(
-        PreflightWarning, match=r"The time step is \S+ of the stability limit; this model runs in scaled units"
+        PreflightWarning, match=r"The time step is \S+ of the stability limit: .*; this model runs in scaled units"
     ):
         of.preflight(model, context(model, integrator=mm.VerletIntegrator(1e-15 / second * 1e-3)))
     with pytest.raises(PreflightError, match=r"stability limit .*scaled units .*model\.to_internal"):
         of.preflight(model, context(model, integrator=mm.VerletIntegrator(0.1 * second * unit.second)))
+
+
+@pytest.mark.parametrize("part", [0.01, 0.1, 0.5, 0.99])
+@pytest.mark.parametrize("make", [mm.VerletIntegrator, lambda dt: mm.LangevinMiddleIntegrator(1e-9, 1.0, dt)])
+def test_an_integrator_of_the_user_on_a_scaled_model_is_asked_about(part: float, make: Any) -> None:
+    """A physical step may by chance lie anywhere below the limit; the warning says what it is physically."""
+    model = wire()
+    dt = part * model.to_internal(of.stable_timestep(model)).value_in_unit(PS)
+    with pytest.warns(PreflightWarning, match=r"not openmm_filament's.* model\.to_internal .*scaled units") as caught:
+        of.preflight(model, context(model, integrator=make(dt)))
+    assert len(caught) == 1
+    physical = part * of.stable_timestep(model).value_in_unit(PS)
+    said = str(caught[0].message).split("limit: ")[1].split(" ps")[0]
+    assert float(said) == pytest.approx(physical, rel=1e-5)
+
+
+def test_the_packages_own_integrators_pass_on_a_scaled_model() -> None:
+    """Those made for this model's units, in the plane too; one made for other units is the user's."""
+    for model in (wire(), of.build(wire().filaments[0], [Hold(0), Plane()])):
+        for make in (of.verlet, of.euler_cromer, lambda model: of.langevin(model, WARM)):
+            of.preflight(model, context(model, integrator=make(model)))
+    other = of.verlet(of.build(helix()), timestep=1e-4 * PS)
+    other.setStepSize(0.1 * model.to_internal(of.stable_timestep(model)))
+    with pytest.warns(PreflightWarning, match="not openmm_filament's"):
+        of.preflight(model, context(model, integrator=other))
+
+
+def test_an_own_step_far_below_the_limit_is_still_warned_of() -> None:
+    model = wire()
+    integrator = of.verlet(model, timestep=1e-3 * of.stable_timestep(model))
+    with pytest.warns(PreflightWarning, match=r"The time step is 0\.001 of the stability limit; this model"):
+        of.preflight(model, context(model, integrator=integrator))
 
 
 def test_a_physical_temperature_on_a_scaled_model_is_caught() -> None:

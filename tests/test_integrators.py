@@ -16,12 +16,13 @@ from openmm import unit
 import openmm_filament as of
 from openmm_filament import bending, stretching, torsion
 from openmm_filament.loads import Hold, Load, Plane, Pull
+from openmm_filament.trial import energy_gain
 
 PS = unit.picosecond
 KELVIN = unit.kelvin
 WARM = 298 * KELVIN
 REFERENCE = mm.Platform.getPlatformByName("Reference")
-TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(20 * KJ), torsion.Harmonic(3 * KJ))
+TERMS = (stretching.Harmonic(200 * KJ / NM**2), bending.Harmonic(200 * KJ), torsion.Harmonic(3 * KJ))
 PULL = Pull(-1, (2, -1, 3) * unit.piconewton)
 
 INTEGRATORS: dict[str, Callable[[of.Model], Any]] = {
@@ -287,6 +288,61 @@ def test_seeds_repeat(plane: bool) -> None:
     assert np.abs(ends[0] - ends[2]).max() > 1e-3
 
 
+# Trials -------------------------------------------------------------------------------------------------------------
+
+
+def pulled(piconewton: float, bending_energy: float, torsion_energy: float, kind: Any = torsion.Harmonic) -> of.Model:
+    """The README's helix under a dihedral, one end held."""
+    terms = (stretching.Harmonic(500 * KJ / NM**2), bending.Harmonic(bending_energy * KJ), kind(torsion_energy * KJ))
+    rest = of.shapes.helix(40, radius=3 * NM, pitch=5 * NM, turns=4)
+    chain = of.Filament(rest, 300 * unit.dalton, terms)
+    return of.build(chain, [Hold(0), Pull(-1, (0, 0, piconewton) * unit.piconewton)])
+
+
+@pytest.mark.parametrize("case", [(30, 200, 100), (60, 200, 100), (500, 2000, 2000)])
+def test_a_helix_whose_joints_line_up_is_warned_of(case: tuple[float, ...]) -> None:
+    """Long runs of these heat up to 1e5 K."""
+    model = pulled(*case)
+    steps = (None, 0.2 * of.stable_timestep(model))  # the second is short enough for a second's trial at 30 pN
+    for timestep in steps[: 1 if case[0] == 30 else 2]:
+        with pytest.warns(
+            UserWarning, match=r"the energy rose to .* no time step is short enough .* torsion\.Weighted"
+        ):
+            of.langevin(model, 300 * KELVIN, timestep=timestep)
+
+
+def test_a_helix_of_soft_joints_is_warned_of() -> None:
+    """Its joints come into line unpulled; at 298 K its mean kinetic temperature was 750 K in 8e5 steps."""
+    terms = (TERMS[0], bending.Harmonic(20 * KJ), TERMS[2])
+    chain = of.Filament(helix().rest, 10 * unit.dalton, terms)
+    with pytest.warns(UserWarning, match="the energy rose to"):
+        of.langevin(of.build(chain), WARM)
+
+
+@pytest.mark.parametrize(
+    "case", [(1, 200, 100), (5, 200, 100), (10, 2000, 2000), (100, 2000, 2000), (60, 200, 100, torsion.Weighted)]
+)
+def test_one_that_keeps_its_temperature_is_not(case: Any) -> None:
+    """Warnings are errors here."""
+    of.langevin(pulled(*case), 300 * KELVIN)
+
+
+def test_a_trial_does_not_disturb_a_run_in_progress() -> None:
+    """On Reference all Contexts of a process share one random stream."""
+    model = of.build(helix())
+    ends = []
+    for tried in (True, False):
+        integrator = of.langevin(model, WARM, seed=4)
+        run = context(model, integrator, model.positions.value_in_unit(NM))
+        integrator.step(50)
+        if tried:
+            energy_gain(model, 298, 0.02)
+        integrator.step(50)
+        ends.append(positions(run))
+        del run
+    np.testing.assert_array_equal(*ends)
+
+
 # Refused ------------------------------------------------------------------------------------------------------------
 
 
@@ -297,6 +353,7 @@ MAKERS = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:In a trial")  # rightly: 0.999 of the limit is too long for a torsion
 @pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
 def test_a_time_step_above_the_limit_is_refused(make: Callable[..., Any]) -> None:
     model = of.build(helix())

@@ -234,3 +234,11 @@ def test_what_is_no_load_is_refused() -> None:
         of.build(chain, [3])
     with pytest.raises(TypeError, match=r"`loads` must hold loads .* but holds <class"):
         of.build(chain, [Plane])
+
+
+def test_loads_keep_their_numbers_when_the_arrays_change() -> None:
+    force, beads = np.array([0.0, 0.0, 1.0]), [2, 3]
+    pull, hold = of.loads.Pull(beads, unit.Quantity(force, unit.piconewton)), of.loads.Hold(beads)
+    force[2], beads[0] = 7.0, 0
+    assert pull.force.value_in_unit(unit.piconewton).tolist() == [0.0, 0.0, 1.0]
+    assert list(pull.beads) == list(hold.beads) == [2, 3]

@@ -150,6 +150,14 @@ def test_filaments_do_not_feel_one_another() -> None:
     np.testing.assert_array_equal(together, np.concatenate(alone))
 
 
+def test_a_model_prints_in_one_line() -> None:
+    terms = (stretching.Harmonic(1 * KJ / NM**2), bending.Harmonic(1 * KJ))
+    chain = of.Filament(of.shapes.line(9, 1 * NM), 1 * unit.dalton, terms)
+    assert repr(of.build([chain] * 2)) == "<Model: 20 beads; 2 filaments; stretching.Harmonic, bending.Harmonic>"
+    small = of.Filament(of.shapes.line(9, 1 * unit.meter), 1 * unit.dalton, ())
+    assert repr(of.build(small, [of.loads.Plane()])) == "<Model: 10 beads; 1 filaments; no terms; scaled; planar>"
+
+
 def test_building_leaves_filaments_and_loads_as_they_are() -> None:
     filament, force = chain(), np.array([1.0, 2.0, 3.0])
     before = filament.rest.value_in_unit(NM).copy()

@@ -172,3 +172,12 @@ def test_properties_suit_a_context(opencl: mm.Platform) -> None:
     model = of.build(chain(10))
     context = mm.Context(model.system, mm.VerletIntegrator(1e-3), opencl, of.platform_properties(model, opencl))
     assert opencl.getPropertyValue(context, "Precision") == "double"
+
+
+def test_a_platform_may_be_named() -> None:
+    model = of.build(chain(10))
+    for i in range(mm.Platform.getNumPlatforms()):
+        platform = mm.Platform.getPlatform(i)
+        assert of.platform_properties(model, platform.getName()) == of.platform_properties(model, platform)
+    with pytest.raises(ValueError, match="`platform` must be one of .*, but is 'Abacus'"):
+        of.platform_properties(model, "Abacus")

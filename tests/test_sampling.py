@@ -19,7 +19,7 @@ from openmm import unit
 from scipy.stats import chi2
 
 import openmm_filament as of
-from openmm_filament import bending, sampling, stretching, wlc
+from openmm_filament import bending, blocks, sampling, stretching, wlc
 from openmm_filament.blocks import Block, run_block
 from openmm_filament.discretisation import exact_chain
 from openmm_filament.divergence import DivergedError
@@ -252,6 +252,16 @@ def test_a_block_in_parts_is_the_whole_block_bit_for_bit(cuts: tuple[int, ...], 
     np.testing.assert_array_equal(np.concatenate([p.frames for p in parts]), whole.frames)
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_block_that_heats_up_is_stopped_on_the_way(dimension: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not at its end: a block of a million samples, whose thermostat stands at a hundred times what it should."""
+    real = blocks.internal_langevin
+    monkeypatch.setattr(blocks, "internal_langevin", lambda model, kelvin, *rest: real(model, 100 * kelvin, *rest))
+    with pytest.raises(DivergedError, match="heated up to") as caught:
+        run_block(block(dimension=dimension, samples=1_000_000, keep_frames=False, friction=1.0))
+    assert caught.value.step < 1e5
+
+
 def test_a_block_has_the_shapes_it_says() -> None:
     result = run_block(block())
     assert result.extensions.shape == (2, 30)
@@ -269,15 +279,128 @@ def test_a_block_has_the_shapes_it_says() -> None:
     )
 
 
-def test_a_block_that_diverges_says_so(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Out of a worker, and out of the sampler: here by noise of an absurd temperature in the checkpointed state."""
+def diverges(bad: Callable[[Block], bool]) -> Callable[[Block], Any]:
+    """`run_block`, but for blocks that are bad."""
 
     def run(given: Block) -> Any:
-        raise DivergedError("The run diverged", 3, "stretching", 7, np.zeros((7, 3)) * NM)
+        if bad(given):
+            raise DivergedError(f"The run diverged at seed {given.seed}.", 3, "stretching", 7, np.zeros((7, 3)) * NM)
+        return run_block(given)
 
-    monkeypatch.setattr(sampling, "run_block", run)
-    with pytest.raises(DivergedError, match="diverged"):
-        of.force_extension(filament(6), 1 * PN, WARM, 0.1, processes=1)
+    return run
+
+
+def test_where_every_force_diverges_the_error_is_raised(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sampling, "run_block", diverges(lambda given: True))
+    for forces in ([1.0], [1.0, 2.0, 3.0]):
+        with pytest.raises(DivergedError, match="diverged"):
+            of.force_extension(filament(6), forces * PN, WARM, 0.1, processes=1)
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["at once", "in a later round"])
+def test_a_force_that_diverges_leaves_the_others(
+    in_process: None, monkeypatch: pytest.MonkeyPatch, late: bool, tmp_path: Path
+) -> None:
+    """They get the numbers that they get without it; it gets none, a warning and a mark."""
+    reports: list[Progress] = []
+    paths = {i: tmp_path / f"{i}.dcd" for i in range(3)}
+
+    def sampled(**options: Any) -> Any:
+        return of.force_extension(filament(6), [1.0, 4.0, 9.0] * PN, WARM, 0.1, seed=3, processes=1, **options)
+
+    whole = sampled()
+    force = 4 * 0.602214076
+    monkeypatch.setattr(
+        sampling, "run_block", diverges(lambda b: math.isclose(b.force, force) and (b.checkpoint is None) != late)
+    )
+    with pytest.warns(UserWarning, match=r"The run at 4 pN is given up: The run diverged at seed \d+\.") as caught:
+        curve = sampled(progress=reports.append, trajectories=paths)
+    assert len(caught) == 1
+    assert curve.diverged.values.tolist() == [0, 1, 0]
+    assert curve.finished.values.tolist() == [1, 0, 1]
+    for name in ("extension", "extension_error", "effective_samples", "r_hat"):
+        assert np.isnan(curve[name][1]), name
+        np.testing.assert_array_equal(curve[name][[0, 2]], whole[name][[0, 2]], err_msg=name)
+    assert not whole.diverged.any()
+    assert curve.attrs["interrupted"] == 0
+    assert reports[-1].finished == 2
+    assert reports[-1].fraction == pytest.approx(1)
+    assert all(0 <= report.fraction <= 1 for report in reports)
+    assert all(of.load(paths[i]).n_frames > 20 for i in (0, 2))
+
+
+def test_ctrl_c_after_a_force_has_diverged_keeps_the_others(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def progress(report: Progress) -> None:
+        if report.finished:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sampling, "run_block", diverges(lambda b: b.force > 4))
+    with pytest.warns(UserWarning, match="The run at 9 pN is given up"):
+        curve = of.force_extension(filament(6), [4.0, 9.0] * PN, WARM, 0.1, processes=1, progress=progress)
+    assert curve.attrs["interrupted"] == 1
+    assert np.isnan(curve.extension[1])
+    assert np.isfinite(curve.extension[0])
+
+
+def test_a_force_that_diverges_in_a_worker_leaves_the_others() -> None:
+    """A helix under a dihedral: at 2000 pN its joints come into line, where no step is short enough."""
+    rest = of.shapes.helix(20, radius=3 * NM, pitch=5 * NM, turns=2)
+    terms = (stretching.Harmonic(500 * KJ / NM**2), bending.Harmonic(200 * KJ), of.torsion.Harmonic(100 * KJ))
+    chain = of.Filament(rest, 300 * unit.dalton, terms)
+    step = 0.2 * of.stable_timestep(of.build(chain))
+    with pytest.warns(UserWarning, match=r"The run at 2000 pN is given up: .*(diverged|heated up)"):
+        curve = of.force_extension(chain, [2.0, 2000.0] * PN, WARM, 0.2, timestep=step, processes=1)
+    assert curve.diverged.values.tolist() == [0, 1]
+    assert np.isfinite(curve.extension[0])
+
+
+# Chains in shapes of their own --------------------------------------------------------------------------------------
+
+
+def double_well() -> of.Filament:
+    """In the plane, four stiff bent joints flip once in a long while, over 44 k_B T; three soft ones move."""
+    alpha, beta = np.repeat([150.0, 3.0], [4, 3]), np.repeat([1.2, 0.0], [4, 3])
+    terms = (stretching.Harmonic(150 * KJ / NM**2), bending.Harmonic(alpha * KJ, beta * unit.radian))
+    return of.Filament(of.shapes.line(8, 4 * NM)[:, [2, 0, 1]], 100 * unit.dalton, terms)
+
+
+def test_chains_stuck_in_separate_wells_are_told_of(in_process: None) -> None:
+    """While they run, as the error that is asked for would take very long."""
+
+    with pytest.raises(
+        UserWarning, match=r"in shapes of their own at 1 pN \(R-hat 1\.\d+\): the error falls only as fast"
+    ):
+        of.force_extension(double_well(), 1 * PN, WARM, 0.03, seed=1, dimension=2, processes=1)
+
+
+def test_forces_that_end_with_chains_apart_are_told_of(in_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sampling._Point, "is_apart", property(lambda point: point.force > 3))
+    with pytest.warns(
+        UserWarning, match=r"at 4 pN \(R-hat 1\.\d+\), 9 pN \(R-hat .*\): the estimate .* rest"
+    ) as caught:
+        of.force_extension(filament(6), [1.0, 4.0, 9.0] * PN, WARM, 0.2, seed=1, processes=1)
+    assert len(caught) == 1
+
+
+@pytest.mark.parametrize(("samples", "correlation"), [(20, 0.0), (200, 0.0), (80, 0.8), (400, 0.8)])
+def test_chains_about_one_mean_are_not_told_apart_and_those_about_two_are(samples: int, correlation: float) -> None:
+    """Random numbers in 100 trials; R-hat of short correlated chains about one mean is above 1.05 in most."""
+    rng = np.random.default_rng(1)
+    found, r_hats = {0.0: 0, 3.0: 0}, []
+    for _ in range(100):
+        noise = rng.normal(size=(8, samples + 30))
+        for i in range(1, noise.shape[1]):
+            noise[:, i] = correlation * noise[:, i - 1] + math.sqrt(1 - correlation**2) * noise[:, i]
+        for apart in found:
+            chains = noise[:, 30:] + apart * np.repeat([-0.5, 0.5], 4)[:, None]
+            runs = [sampling._Run(block(), samples, [chains[i : i + 2]]) for i in range(0, 8, 2)]
+            point = sampling._Point(1.0, 0.1, 0.0, runs)
+            point._estimate(samples)
+            found[apart] += point.is_apart
+            r_hats += [point.r_hat] if not apart else []
+    assert found[0.0] <= 1
+    assert found[3.0] >= 90
+    assert (np.median(r_hats) > 1.05) == (samples == 80)
 
 
 # Trajectories -------------------------------------------------------------------------------------------------------

@@ -6,8 +6,11 @@ import csv
 import json
 import math
 import os
+import signal
+import socket
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -249,6 +252,75 @@ def test_incomplete_results_stand_beside_old_ones(tmp_path: Path) -> None:
     assert place == tmp_path / "out-incomplete"
     assert (out / "summary.json").read_text() == "old"
     assert (place / "summary.json").read_text() == "new"
+
+
+def test_drafts_of_killed_runs_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    """Those of this output and machine whose process is gone."""
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    host, dead, alive = socket.gethostname(), gone.pid, os.getpid()
+    stale = [f".out-draft-{host}-{dead}-abcd_123", f".out-draft-{host}-{dead}-00000000"]
+    kept = [
+        f".out-draft-{host}-{alive}-abcd_123", f".out-draft-elsewhere-{dead}-abcd_123", f".other-draft-{host}-{dead}-abcd_123",
+        f".out-draft-{host}-{dead}-abc", f".out-draft-{host}-{dead}-abcd_123-mine", ".out-abcd_123", ".out-old-abcd_123",
+    ]  # fmt: skip
+    for name in (*stale, *kept):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "table.csv").write_text("x")
+    (tmp_path / f".out-draft-{host}-{dead}-zzzzzzzz").write_text("a file")
+    (tmp_path / f".out-draft-{host}-{dead}-yyyyyyyy").symlink_to(tmp_path / kept[-1])
+    with fresh_folder(tmp_path / "out", overwrite=False) as draft:
+        there = {entry.name for entry in tmp_path.iterdir()}
+        assert draft.folder.name in there
+        assert not there & set(stale)
+    left = {entry.name for entry in tmp_path.iterdir()}
+    assert left == {*kept, f".out-draft-{host}-{dead}-zzzzzzzz", f".out-draft-{host}-{dead}-yyyyyyyy"}
+    assert (tmp_path / kept[-1] / "table.csv").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends signals")
+def test_sigterm_ends_a_run_as_ctrl_c_does_and_a_killed_one_is_tidied_up(tmp_path: Path) -> None:
+    """With its workers, which are gone soon after; what is done stands in the folder."""
+    output = tmp_path / "out"
+
+    def begin() -> tuple[subprocess.Popen[str], list[int]]:
+        arguments = ["dna_force_extension", "--output", str(output), "--relative-error", "0.004", "--processes", "1"]
+        run = subprocess.Popen(
+            [sys.executable, "-m", "systems", *arguments],
+            cwd=ROOT,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+        children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+        deadline = time.monotonic() + 30
+        while time.monotonic() < deadline and len(children.read_text().split()) < 2:  # resource tracker and worker
+            time.sleep(0.1)
+        time.sleep(3)
+        return run, [int(child) for child in children.read_text().split()]
+
+    def drafts() -> list[Path]:
+        return list(tmp_path.glob(".out-draft-*"))
+
+    def end(run: subprocess.Popen[str], by: int, workers: list[int]) -> int:
+        run.send_signal(by)
+        run.communicate(timeout=30)
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline and any(scene._is_running(worker) for worker in workers):
+            time.sleep(0.1)
+        assert not any(scene._is_running(worker) for worker in workers)
+        return run.returncode
+
+    run, workers = begin()
+    assert len(workers) >= 2
+    assert end(run, signal.SIGKILL, workers) == -signal.SIGKILL
+    assert len(drafts()) == 1
+    stale = drafts()[0]
+    run, workers = begin()
+    assert not stale.exists()
+    assert end(run, signal.SIGTERM, workers) == 130
+    assert not drafts()
+    assert "Interrupted" in json.loads((output / "summary.json").read_text())["findings"][0]
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:

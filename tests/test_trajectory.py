@@ -295,3 +295,24 @@ def test_a_writer_takes_more_numbers_and_then_no_frames(tmp_path: Path) -> None:
     assert frame == {"step": 5, "time_ps": 0.25, "extension_nm": 1.5}
     with pytest.raises(ValueError, match="closed file"):
         writer.write(x, 6, 0.3)
+
+
+def test_old_files_stay_until_the_first_frame(tmp_path: Path) -> None:
+    """A run that fails before loses nothing."""
+    names = ("run.dcd", "run.pdb", "run.jsonl")
+    for name in names:
+        (tmp_path / name).write_text("old")
+    model = of.build(of.Filament(of.shapes.line(4, 1 * unit.nanometer), 1 * unit.dalton, ()))
+    of.trajectory_reporter(model, tmp_path / "run.dcd", 5, overwrite=True).close()
+    writer = TrajectoryWriter(model, tmp_path / "run.dcd", overwrite=True)
+    assert all((tmp_path / name).read_text() == "old" for name in names)
+    writer.write(np.zeros((5, 3)), 0, 0.0)
+    writer.close()
+    assert of.load(tmp_path / "run.dcd").n_frames == 1
+
+
+def test_files_that_cannot_be_written_are_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = of.build(of.Filament(of.shapes.line(4, 1 * unit.nanometer), 1 * unit.dalton, ()))
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    with pytest.raises(PermissionError, match="`path` must name files that can be written, but .*run.dcd cannot"):
+        of.trajectory_reporter(model, tmp_path / "run.dcd", 5)
