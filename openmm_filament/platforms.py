@@ -29,13 +29,14 @@ _measured: dict[tuple[Any, ...], str] = {}
 
 
 def needed_precision(model: Model, temperature: unit.Quantity | None = None) -> str:
-    """ "double" or "mixed": whether the bending angles are large enough for single precision.
+    """ "double" or "mixed": whether single precision will do for the forces.
 
-    Angles are judged by the rest angles and, with a temperature, by their thermal size sqrt(k_B T/alpha).
+    It will not without a temperature: strains and angles of mechanical motion may be as small as they like. Thermal
+    angles are judged by the rest angles and by their size sqrt(k_B T/alpha).
     """
-    kt = 0.0
-    if temperature is not None:
-        kt = units.BOLTZMANN * units.number("temperature", temperature, "temperature") / model.scale.energy
+    if temperature is None:
+        return "double"
+    kt = units.BOLTZMANN * units.number("temperature", temperature, "temperature") / model.scale.energy
     for interaction in model.interactions:
         if interaction.term.family != "bending" or not len(interaction.beads):
             continue

@@ -44,6 +44,9 @@ _SMALLEST_STAGE = 1e-3
 _ESCAPES = 5
 """Saddles left at most, one after another."""
 
+_NUDGE = 0.05
+"""Largest displacement, over the shortest segment, of the push off a saddle."""
+
 _NEGATIVE = 1e-13
 """An eigenvalue of the Hessian counts as negative below minus this part of the largest, where rounding cannot make it."""
 
@@ -68,7 +71,8 @@ class Equilibrium:
         Whether the residual is at most 1e-8 of the largest load, or ten times the floor where that is larger; never where
         ten times the floor is above a thousandth of the load, as beside the singularity of a dihedral.
     is_minimum : bool
-        Whether the Hessian of the free coordinates has no negative eigenvalue (rigid motions left free have zero).
+        Whether the Hessian of the free coordinates has no negative eigenvalue beyond rounding (rigid motions left free
+        have zero).
     lowest_eigenvalue : float
         The lowest over the largest eigenvalue of that Hessian.
     steps : int
@@ -99,7 +103,7 @@ def equilibrium(
     """The static equilibrium of a model under its constant forces, as the load is raised from nothing.
 
     The load is raised in stages, each solved by Newton steps with the exact sparse Hessian, damped until the energy
-    falls; a stage that takes too many steps is divided. An open filament with dihedrals that is held at bead 0 is solved
+    falls; a stage that takes too many steps is divided. An open filament that is bent everywhere and held at bead 0 is solved
     in its lengths, bends and torsions instead, which a nearly straight chain does not make singular (see `articulated`),
     and then in Cartesian coordinates as any other. At the full load a saddle is left along the direction in which the
     energy falls, so that the result is a minimum wherever one was found. Temperature and plucks play no part.
@@ -134,8 +138,7 @@ def equilibrium(
     left = most_steps
     reached, raise_by = begin_at, (1.0 - begin_at) / stages
     if problem.is_arm(x):
-        x, steps = problem.as_arm(x, left)
-        left, reached = left - steps, 1.0
+        reached = 1.0
     while reached < 1.0 and left > 0:
         share = min(reached + raise_by, 1.0)
         tried, steps, done = problem.relax(x, share, _COARSE, min(left, _STAGE))
@@ -145,16 +148,14 @@ def equilibrium(
             continue
         x, reached = tried, share
         raise_by *= 1.5
-    x, steps, converged = problem.relax(x, 1.0, _RESIDUAL, max(left, 1))
-    left -= steps
+    x, left, converged = problem.settle(x, left)
     lowest, direction = problem.lowest(x)
     for _ in range(_ESCAPES):
-        if lowest >= -_NEGATIVE or left <= 0:
+        if not problem.falls(x, lowest) or left <= 0:
             break
-        x, steps, converged = problem.relax(problem.nudged(x, direction), 1.0, _RESIDUAL, left)
-        left -= steps
+        x, left, converged = problem.settle(problem.nudged(x, direction), left)
         lowest, direction = problem.lowest(x)
-    return problem.report(x, converged, lowest, most_steps - max(left, 0))
+    return problem.report(x, converged, lowest, most_steps - left)
 
 
 class _Problem:
@@ -171,19 +172,24 @@ class _Problem:
         self._damping = 0.0
 
     def is_arm(self, x: Array) -> bool:
-        """Whether this is one open filament with dihedrals, held at bead 0 alone and bent everywhere."""
+        """Whether this is one open filament, pulled, held at bead 0 alone and bent everywhere."""
         model = self.model
         filament, load = model.filaments[0], model.loads[0]
         if len(model.filaments) > 1 or filament.closed or model.planar or load.held != [0] or not self.load:
             return False
-        bent = any(i.term.needs_bends for i in model.interactions)
-        return bent and bool(sines(self.whole(x)).min() > COLLINEAR)
+        return len(filament) > 3 and bool(sines(self.whole(x)).min() > COLLINEAR)
 
-    def as_arm(self, x: Array, most: int) -> tuple[Array, int]:
-        """Positions relaxed under the full load in lengths, bends and torsions, and the steps taken."""
-        model = self.model
-        positions, steps = relaxed(self.whole(x), model.interactions, model.pulls, most=most, tolerance=_RESIDUAL / 10)
-        return positions[self.free], steps
+    def settle(self, x: Array, most: int) -> tuple[Array, int, bool]:
+        """At rest under the full load: the positions, the steps left, and whether they converged."""
+        left = most
+        if self.is_arm(x):
+            model = self.model
+            positions, steps = relaxed(
+                self.whole(x), model.interactions, model.pulls, most=left, tolerance=_RESIDUAL / 10
+            )
+            x, left = positions[self.free], left - steps
+        x, steps, converged = self.relax(x, 1.0, _RESIDUAL, max(left, 1))
+        return x, max(left - steps, 0), converged
 
     def reduced(self, positions: Array) -> Array:
         self.fixed = np.where(self.free, self.fixed, positions)
@@ -249,13 +255,13 @@ class _Problem:
         largest = float(np.abs(matrix.diagonal()).max())
         shortest = self._shortest(x)
         damping = self._damping
-        rounding = 64 * np.finfo(float).eps * max(abs(energy), self._scale(x))
+        rounding = self._rounding(x)
         for _ in range(60):
             step = _solve(matrix, damping * largest, force)
             if step is not None:
                 reach = float(np.abs(step).max())
                 if reach <= 0.5 * shortest:
-                    tried = x + step
+                    tried = self._along(x, step)
                     with np.errstate(all="ignore"):
                         lower, pushed = self.energy(tried, share), self.force(tried, share)
                     gain = float(step @ force) / 2
@@ -268,11 +274,24 @@ class _Problem:
                 return None
         return None
 
-    def _scale(self, x: Array) -> float:
+    def _along(self, x: Array, step: Array) -> Array:
+        """The positions at the end of a step, taken along a curve that starts in its direction.
+
+        Each segment becomes as long as the step says to first order, and is turned for the rest: a straight step would
+        stretch what it turns, by the square of the turn, and stiff bonds would allow only tiny ones.
+        """
+        before, after = self.whole(x), self.whole(x + step)
+        curved = after.copy()
+        for filament, load, first in zip(self.model.filaments, self.model.loads, self.model.starts, strict=False):
+            beads = slice(int(first), int(first) + len(filament))
+            curved[beads] = _turned(before[beads], after[beads], sorted(load.held))
+        return curved[self.free]
+
+    def _rounding(self, x: Array) -> float:
+        """Differences of the energy that mean nothing."""
         positions = self.whole(x)
-        return sum(abs(i.energy(positions)) for i in self.model.interactions) + float(
-            np.abs(self.model.pulls * positions).sum()
-        )
+        parts = [abs(i.energy(positions)) for i in self.model.interactions]
+        return float(64 * np.finfo(float).eps * (sum(parts) + np.abs(self.model.pulls * positions).sum()))
 
     def _shortest(self, x: Array) -> float:
         positions = self.whole(x)
@@ -293,9 +312,15 @@ class _Problem:
             values, vectors = eigsh(matrix, 1, sigma=-1e-12 * top, which="LM", v0=start)
         return float(values[0] / top), vectors[:, 0]
 
+    def falls(self, x: Array, lowest: float) -> bool:
+        """Whether a negative eigenvalue is more than rounding, of the Hessian and of the energy of a nudge along it."""
+        largest = float(np.abs(self.hessian(x)).sum(axis=1).max())
+        gain = -lowest * largest * (_NUDGE * self._shortest(x)) ** 2 / 2
+        return lowest < -_NEGATIVE and gain > self._rounding(x)
+
     def nudged(self, x: Array, direction: Array) -> Array:
-        """X moved by a twentieth of a segment along a direction."""
-        return x + 0.05 * self._shortest(x) * direction / np.abs(direction).max()
+        """Positions moved a little along a direction."""
+        return x + _NUDGE * self._shortest(x) * direction / np.abs(direction).max()
 
     def report(self, x: Array, converged: bool, lowest: float, steps: int) -> Equilibrium:
         model = self.model
@@ -309,7 +334,7 @@ class _Problem:
             energies["pull"] = -float((model.pulls * positions).sum()) * energy
         residual = self.residual(self.force(x, 1.0)) * force
         floor = self.floor(x) * force
-        minimum = lowest >= -_NEGATIVE
+        minimum = not self.falls(x, lowest)
         message = (
             f"{'Converged' if converged else 'NOT converged'} in {steps} steps to a residual of {residual:.3g} kJ/mol/nm "
             f"(load {self.load * force:.3g}, rounding floor {floor:.3g}), "
@@ -326,6 +351,26 @@ class _Problem:
             steps,
             message,
         )
+
+
+def _turned(before: Array, after: Array, held: list[int]) -> Array:
+    """A chain (N, 3) with the directions of `after` and the lengths that it has to first order in the move.
+
+    Held beads stay; where there are several, what a stretch between two of them is off by is spread over its segments.
+    """
+    if len(before) < 2:
+        return after
+    old, new = np.diff(before, axis=0), np.diff(after, axis=0)
+    length = np.sqrt(dot(old, old))
+    wanted = dot(old, new) / length  # l + x.d(s)
+    found = np.sqrt(dot(new, new))
+    steps = new * (np.where(wanted > 0.2 * length, wanted, found) / found)[:, None]
+    chain = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    if not held:
+        return np.asarray(chain + (after - chain).mean(axis=0))
+    gaps = after[held] - chain[held]
+    beads = np.arange(len(chain))
+    return np.asarray(chain + np.stack([np.interp(beads, held, gaps[:, k]) for k in range(3)], axis=-1))
 
 
 def _solve(matrix: Any, shift: float, force: Array) -> Array | None:
