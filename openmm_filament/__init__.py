@@ -7,7 +7,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from openmm_filament import bending, electrostatics, loads, reference, shapes, stretching, torsion, units, wlc
+    from openmm_filament import (
+        bending,
+        electrostatics,
+        loads,
+        reference,
+        rendering,
+        shapes,
+        stretching,
+        torsion,
+        units,
+        wlc,
+    )
     from openmm_filament.discretisation import exact_extension
     from openmm_filament.divergence import watch
     from openmm_filament.evaluation import energies, forces
@@ -44,6 +55,7 @@ __all__ = [
     "platform_properties",
     "preflight",
     "reference",
+    "rendering",
     "rod_terms",
     "shapes",
     "stable_timestep",
