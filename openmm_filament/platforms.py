@@ -30,8 +30,11 @@ _measured: dict[tuple[Any, ...], str] = {}
 def needed_precision(model: Model, temperature: unit.Quantity | None = None) -> str:
     """ "double" or "mixed": whether the bending angles are large enough for single precision.
 
-    Angles are judged by the rest angles and, with a temperature, by their thermal size sqrt(k_B T/alpha).
+    Angles are judged by the rest angles and, with a temperature, by their thermal size sqrt(k_B T/alpha). A filament under
+    `Tension` needs double: what pulls it back are small differences of large forces.
     """
+    if any(load.tension for load in model.loads):
+        return "double"
     kt = 0.0
     if temperature is not None:
         kt = units.BOLTZMANN * units.number("temperature", temperature, "temperature") / model.scale.energy
