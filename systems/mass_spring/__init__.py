@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from systems import stage
-from systems.mass_spring import continuum, convergence, figures, pictures, table
+from systems.mass_spring import continuum, convergence, energy, figures, pictures, table
 from systems.mass_spring.chain import LENGTH, MASS, TENSION, Chain
 from systems.scene import Summary
 
@@ -63,7 +63,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         stiff = convergence.stiffnesses(5, _SHORT, phase=_COARSE)
         show(0.4)
         first = continuum.rows(ratio, 1.0 if quick else 4, lambda part: show(0.4 + 0.35 * part))
-        kept = convergence.drift(Chain(5, ratio), 100_000 if quick else 1_000_000)
+        kept = energy.drift(Chain(5, ratio), 100_000 if quick else 1_000_000)
         show(0.85)
         heard = pictures.listen(folder, chains[-1])
         said = pictures.show(folder, chains[-1], quick=quick)
@@ -97,13 +97,15 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         },
         checks=[
             *table.checks(measured, lines),
-            *convergence.checks(curves, steps, stiff, kept),
+            *convergence.checks(curves, steps, stiff),
+            energy.check_drift(kept),
             *continuum.checks(first),
             heard,
         ],
         findings=[
             *table.findings(lines),
-            *convergence.findings(curves, steps, stiff, kept),
+            *convergence.findings(curves, steps, stiff),
+            energy.finding(kept),
             *continuum.findings(first),
             *said,
         ],

@@ -111,9 +111,11 @@ class Chain:
 
     @cached_property
     def model(self) -> of.Model:
-        """The chain in OpenMM, along z: springs, and no other force."""
+        """The chain in OpenMM, along x: springs, and no other force."""
+        rest = np.zeros((self.masses + 2, 3))
+        rest[:, 0] = self.spacing * np.arange(self.masses + 2)
         filament = of.Filament(
-            of.shapes.line(self.masses + 1, self.spacing * unit.meter),
+            rest * unit.meter,
             self.mass * unit.kilogram,
             (of.stretching.Harmonic(self.stiffness * unit.newton / unit.meter),),
         )
@@ -181,7 +183,7 @@ class Recording:
     interval : float
         Seconds between samples.
     across : (T, N) array
-        Displacements of the masses across the chain (x), in units of l0.
+        Displacements of the masses across the chain (y), in units of l0.
     """
 
     interval: float
@@ -196,14 +198,12 @@ def launch(chain: Chain, start: Array, timestep: float) -> mm.Context:
     Raises
     ------
     ValueError
-        If a displacement is not finite or the time step (s) is not positive.
-    PreflightError
-        If the time step is above the stability limit.
+        If a displacement is not finite, or the time step (s) not positive or above the stability limit.
     """
     moved = check.finite("start", check.shape("start", np.asarray(start, dtype=np.float64), (chain.masses,)))
     model = chain.model
     positions = model.positions.value_in_unit(unit.nanometer).copy()
-    positions[1:-1, 0] += moved * chain.spacing * 1e9 / model.scale.length
+    positions[1:-1, 1] += moved * chain.spacing * 1e9 / model.scale.length
     integrator = of.verlet(model, timestep=float(check.positive("timestep", timestep, unit="s")) * unit.second)
     context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName("Reference"))
     context.setPositions(positions * unit.nanometer)
@@ -230,5 +230,5 @@ def play(chain: Chain, start: Array, seconds: float, *, timestep: float, interva
     every = max(1, int((2 * np.pi / chain.cutoff / 3 if interval is None else interval) / timestep))
     samples = int(np.ceil(seconds / (every * timestep)))
     to_spacings = 1 / (chain.spacing * 1e9)
-    motion = of.record(chain.model, context, samples, every, observe=lambda x: x[1:-1, 0] * to_spacings)
+    motion = of.record(chain.model, context, samples, every, observe=lambda x: x[1:-1, 1] * to_spacings)
     return Recording(every * timestep, motion.values)

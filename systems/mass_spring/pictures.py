@@ -50,7 +50,7 @@ def show(folder: Path, chain: Chain, *, quick: bool = False) -> list[str]:
     title = f"{chain.masses} masses on a stretched chain of {LENGTH * 1e3:.0f} mm, plucked at the third"
     radius = _RADIUS * unit.meter
     beads = np.full(chain.masses + 2, 2.5 * _RADIUS) * unit.meter
-    kept = slice(None, None, 8 if quick else 1)
+    kept = slice(None, None, 8 if quick else 2)
     of.rendering.animate(
         motion.values[kept] * unit.nanometer,
         folder / "mass_spring.mp4",
@@ -58,7 +58,7 @@ def show(folder: Path, chain: Chain, *, quick: bool = False) -> list[str]:
         radius=radius,
         bead_radius=beads,
         title=title,
-        plane="xz",
+        plane="xy",
         size=(640, 360) if quick else (960, 540),
         fps=8 if quick else 25,
     )
@@ -69,7 +69,7 @@ def show(folder: Path, chain: Chain, *, quick: bool = False) -> list[str]:
         radius=radius,
         bead_radius=beads,
         title=f"{title}, after {times[shown] * 1e3:.1f} ms",
-        plane="xz",
+        plane="xy",
     )
     return said
 

@@ -154,10 +154,10 @@ def checks(measured: list[Measured], table: list[dict[str, float]]) -> list[Chec
 
 
 def _transverse(chain: Chain) -> Array:
-    """The frequencies (N,) that the model's Hessian has across the chain, in x."""
+    """The frequencies (N,) that the model's Hessian has across the chain, in y and in z alike."""
     modes = of.normal_modes(chain.model)
-    along = np.abs(modes.shapes[:, :, 2]).max(axis=1) > 0.5
-    return np.asarray(modes.frequencies[~along][::2])  # x and y come in pairs
+    along = np.abs(modes.shapes[:, :, 0]).max(axis=1) > 0.5
+    return np.asarray(modes.frequencies[~along][::2])  # they come in pairs
 
 
 def findings(table: list[dict[str, float]]) -> list[str]:
