@@ -13,7 +13,10 @@ from pathlib import Path
 
 from systems.scene import OutputError, fresh_folder
 
-SYSTEMS = {"dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain"}
+SYSTEMS = {
+    "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
+    "mass_spring": "masses on a stretched chain of springs, every line of their transverse motion",
+}
 
 
 @contextmanager
