@@ -9,7 +9,10 @@ from pathlib import Path
 
 from systems.scene import OutputError, fresh_folder
 
-SYSTEMS = {"dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain"}
+SYSTEMS = {
+    "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
+    "guitar_string": "a guitar string of 200 beads, plucked hard and gently, against the stiff and the discrete string",
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
