@@ -22,13 +22,13 @@ from openmm_filament.motion import Motion
 from systems import stage
 
 __all__ = [
-    "EVERY",
-    "RATE",
     "DAMPING",
     "DENSITY",
+    "EVERY",
     "LENGTH",
     "PLUCKING",
     "RADIUS",
+    "RATE",
     "SOFTER",
     "TENSION",
     "YOUNG",

@@ -37,7 +37,10 @@ def shapes(path: Path, recording: soft.Recording) -> None:
     figure = Figure(figsize=(10.5, 6.8), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey="row")
     period = 1 / float(strings.stiff_law(1))
-    spans = ((0.0, strings.PLUCKING, 9, "while it is pulled"), (strings.PLUCKING, strings.PLUCKING + period, 13, "after"))
+    spans = (
+        (0.0, strings.PLUCKING, 9, "while it is pulled"),
+        (strings.PLUCKING, strings.PLUCKING + period, 13, "after"),
+    )
     for row, bead in zip((0, 1), soft.BEADS, strict=True):
         for ax, (begin, end, count, what) in zip(axes[row], spans, strict=True):
             norm = Normalize(1e3 * begin, 1e3 * end)
@@ -46,13 +49,13 @@ def shapes(path: Path, recording: soft.Recording) -> None:
                 ax.plot(_places(), 1e6 * frame, color=colormaps["viridis"](0.92 * norm(1e3 * time)), lw=1.4)
             ax.axhline(0, color="0.6", lw=0.7, zorder=0)
             ax.axvline(_places()[bead], color="C3", lw=0.9, ls=":")
-            ax.set_title(f"bead {bead} (x = {_places()[bead]:.0f} mm), {what}", fontsize=10)
+            ax.set_title(f"bead {bead} ({_places()[bead]:.0f} mm), {soft.FORCES[row]} N, {what}", fontsize=10)
             if row == 1:
                 ax.set_xlabel("position along the string (mm)")
             bar = figure.colorbar(ScalarMappable(norm, colormaps["viridis"]), ax=ax, pad=0.01)
             bar.set_label("time (ms)")
         axes[row, 0].set_ylabel("displacement (µm)")
-    figure.suptitle(f"Guitar string pulled with {soft.FORCE} N for 1/300 s, and the first period after it")
+    figure.suptitle("Guitar string pulled for 1/300 s, and the first period after it")
     figure.savefig(path, dpi=150)
 
 
@@ -86,7 +89,7 @@ def spectra(path: Path, recording: soft.Recording) -> None:
         below.set(title="each bead", xlabel="frequency (Hz)", ylabel="bead", xlim=(0, 1.05 * lines[-1]))
     figure.colorbar(mesh, ax=axes[1, :], label="amplitude / largest", pad=0.01)
     figure.suptitle(
-        f"Guitar string after a pluck of {soft.FORCE} N: the same lines, other weights (grey: exact lines of the bead chain)"
+        "Guitar string after a gentle pluck: the same lines, other weights (grey: exact lines of the bead chain)"
     )
     figure.savefig(path, dpi=150)
 
@@ -105,7 +108,10 @@ def law(path: Path, found: soft.Harmonics) -> None:
     at = n / (2 * strings.LENGTH) * np.sqrt(strings.TENSION / strings.DENSITY)
     upper.plot(n, 100 * (found.frequencies[:, 0] / at - 1), "o", color="C3", ms=5, label="simulated")
     upper.axhline(0.2, color="0.5", ls=":", label="0.2 %, the thesis's figure at n = 20")
-    upper.set(ylabel=r"$f_n / (n f_1^0) - 1$ (%)", title="Guitar string: departure of the harmonics from $n f_1^0$, flexible string")
+    upper.set(
+        ylabel=r"$f_n / (n f_1^0) - 1$ (%)",
+        title="Guitar string: departure of the harmonics from $n f_1^0$, flexible string",
+    )
     upper.legend()
     exact = strings.beats(strings.discrete_law(n, soft.SEGMENTS), strings.DAMPING)
     step = 1 / (strings.RATE * strings.EVERY)
@@ -126,22 +132,30 @@ def decay(path: Path, recording: soft.Recording, found: soft.Harmonics) -> None:
 
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    times = np.arange(recording.played, len(recording.modes)) / recording.rate
-    for n in (1, 2, 3, 5, 10, 19):
-        envelope = _envelope(recording.modes[recording.played :, n - 1, 0])
-        left.semilogy(times, 1e6 * envelope, lw=1.3, label=f"n = {n}")
-        start = 1e6 * found.amplitudes[n - 1, 0]
+    inner = slice(recording.played + 1000, -1000)  # the transform that gives envelopes fails at the ends
+    times = np.arange(len(recording.modes))[inner] / recording.rate
+    for shown in (1, 2, 3, 5, 10, 19):
+        envelope = _envelope(recording.modes[:, shown - 1, 0])[inner]
+        left.semilogy(times, 1e6 * envelope, lw=1.3, label=f"n = {shown}")
+        start = 1e6 * found.amplitudes[shown - 1, 0]
         left.semilogy(times, start * np.exp(-strings.DAMPING / 2 * (times - strings.PLUCKING)), "k:", lw=1)
     left.plot([], [], "k:", label=r"$\exp(-\gamma t/2)$")
-    left.set(xlabel="time (s)", ylabel="amplitude of the harmonic (µm)", title="Plucked at bead 50")
+    left.set(xlabel="time (s)", ylabel="amplitude of the harmonic (µm)", title="Plucked at bead 50", ylim=(0.03, 300))
     left.legend(ncols=2, fontsize=9)
     n = np.arange(1, soft.HARMONICS + 1)
     for column, bead in enumerate(soft.BEADS):
-        right.plot(n, 1e3 * found.decay_times[:, column], "os"[column], mfc="none", ms=(5, 8)[column], label=f"plucked at bead {bead}")
+        told = found.frequency_errors.argmin(axis=1) == column
+        right.plot(n[told], 1e3 * found.decay_times[told, column], "os"[column], ms=5, label=f"plucked at bead {bead}")
     exact = 2e3 / strings.DAMPING
     right.axhline(exact, color="k", lw=1, label=r"$2/\gamma$")
     right.axhspan(0.99 * exact, 1.01 * exact, color="0.92", label="±1 %")
-    right.set(xlabel="harmonic n", ylabel="decay time (ms)", ylim=(0.97 * exact, 1.03 * exact), title="All harmonics decay alike", xticks=n[1::2])
+    right.set(
+        xlabel="harmonic n",
+        ylabel="decay time (ms)",
+        ylim=(0.97 * exact, 1.03 * exact),
+        title="All harmonics decay alike",
+        xticks=n[1::2],
+    )
     right.legend(fontsize=9)
     figure.savefig(path, dpi=150)
 
@@ -171,21 +185,25 @@ def hard_pluck(path: Path, motion: hard.HardPluck) -> None:
     steady = [float(strings.stiff_law(1, tension)) for tension in mean]
     axes[2].plot(centre, steady, "C0--", lw=1.2, label="small motion at the mean tension of the window")
     axes[2].axhline(float(strings.stiff_law(1)), color="k", ls=":", lw=1, label="small motion at 20 N")
-    axes[2].set(ylabel="pitch (Hz)", ylim=(0, None))
+    axes[2].set(ylabel="pitch (Hz)", ylim=(60, 200))
     for name, values in motion.energies.items():
         if name != "pluck":
             axes[3].plot(t, 1e3 * values, lw=1, label=name)
-    total = sum(values for name, values in motion.energies.items() if name != "pluck")
-    axes[3].plot(t, 1e3 * np.asarray(total), "k-", lw=1.4, label="sum")
+    total = np.sum([values for name, values in motion.energies.items() if name != "pluck"], axis=0)
+    axes[3].plot(t, 1e3 * total, "k-", lw=1.4, label="sum")
     axes[3].set(xlabel="time (ms)", ylabel="energy (mJ)", ylim=(0, None))
     for ax in axes:
         ax.axvspan(0, 1e3 * strings.PLUCKING, color="0.9", zorder=0)
-        ax.legend(fontsize=8, loc="upper right", ncols=2)
+        low, high = ax.get_ylim()
+        ax.set_ylim(low, high + 0.22 * (high - low))
+        ax.legend(fontsize=8, loc="upper right", ncols=4)
     figure.savefig(path, dpi=150)
 
 
 def _band(ax: Axes, times: Array, tensions: Array) -> None:
-    ax.fill_between(times, tensions.min(axis=1), tensions.max(axis=1), color="C0", alpha=0.25, lw=0, label="among the segments")
+    ax.fill_between(
+        times, tensions.min(axis=1), tensions.max(axis=1), color="C0", alpha=0.25, lw=0, label="among the segments"
+    )
     ax.plot(times, tensions.mean(axis=1), "C0-", lw=1, label="mean")
 
 
