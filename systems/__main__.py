@@ -12,6 +12,7 @@ from systems.scene import OutputError, fresh_folder
 SYSTEMS = {
     "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
     "guitar_string": "a guitar string of 200 beads, plucked hard and gently, against the stiff and the discrete string",
+    "weighted_string": "the guitar string with beads 40 times heavier, against the exact modes of the loaded chain",
 }
 
 

@@ -45,7 +45,7 @@ def test_a_tension_one_per_cent_off_would_not_pass(results: tuple[int, Path]) ->
     seen = rows["frequency_Hz_bead10"][: len(n)]
     for tension, passes in ((strings.TENSION, True), (1.01 * strings.TENSION, False)):
         exact = strings.beats(strings.discrete_law(n, soft.SEGMENTS, tension), strings.DAMPING).frequencies
-        assert (np.abs(seen / exact - 1).max() < 1e-4) is passes
+        assert bool(np.abs(seen / exact - 1).max() < 1e-4) is passes
 
 
 def test_the_discrete_law_is_that_of_the_model_and_tends_to_the_stiff_string() -> None:
@@ -66,7 +66,7 @@ def test_the_lines_of_the_time_steps_are_the_roots_of_one_step() -> None:
     assert abs(np.angle(root)) / (2 * np.pi * dt) == pytest.approx(line.frequencies[0], rel=1e-12)
     assert -np.log(abs(root)) / dt == pytest.approx(line.decay_rates[0], rel=1e-12)
     fine = strings.beats(np.array([frequency]), gamma, 1e-6)
-    assert fine.frequencies[0] == pytest.approx(strings.beats(np.array([frequency]), gamma).frequencies[0], rel=2e-6)
+    assert fine.frequencies[0] == pytest.approx(strings.beats(np.array([frequency]), gamma).frequencies[0], rel=2e-5)
 
 
 def test_tension_is_told_from_the_lengths_of_the_bonds() -> None:

@@ -174,7 +174,8 @@ def _soft(recording: soft.Recording, found: soft.Harmonics, softness: soft.Softn
         f"{softness.difference:.1e} of the largest in the first {1e3 * softness.seconds:.0f} ms (the time step is eight times as "
         f"long, too), and no transverse frequency by more than {_apart(softness):.1e}.",
         f"A second of motion of the 200-bead string takes {softness.wall_soft:.1f} s of wall time with softer bonds "
-        f"({strings.RATE} samples a second) and {softness.wall_true:.1f} s with the true ones.",
+        f"({recording.processor_seconds:.1f} s of processor time; {strings.RATE} samples a second) "
+        f"and {softness.wall_true:.1f} s with the true ones.",
     ]
 
 
