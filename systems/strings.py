@@ -111,14 +111,27 @@ def string(
     return of.build(filament, loads=[*held, *(pluck.load() for pluck in plucks)])
 
 
-def start(model: of.Model, rate: float, every: int) -> mm.Context:
+def start(model: of.Model, rate: float, every: int, *, alike: bool = False) -> mm.Context:
     """A Context at rest, to be run by Euler-Cromer with `every` steps between two of `rate` samples a second.
 
     It runs on Reference: positions are read often.
 
+    Parameters
+    ----------
+    alike : bool
+        Whether all beads are damped alike, at 3/s. LangevinMiddle at zero temperature then takes the steps of Euler-Cromer in
+        half the time: with the friction that keeps `1 - gamma dt` of a velocity its positions are those of forces
+        `1 - gamma dt/2` times as large, 6 millionths less at a step of 4 us.
+
     Raises ValueError if the time step, `1/(rate every)`, is above the stability limit.
     """
-    return stage.context(model, of.euler_cromer(model, timestep=1 / (rate * every) * unit.second), "Reference")
+    timestep = 1 / (rate * every)
+    integrator = of.euler_cromer(model, timestep=timestep * unit.second)
+    if alike:
+        keep = 1 - DAMPING * timestep
+        internal = integrator.getStepSize()
+        integrator = mm.LangevinMiddleIntegrator(0.0, -math.log(keep) / internal, internal)
+    return stage.context(model, integrator, "Reference")
 
 
 def released(motion: Motion) -> NDArray[np.bool_]:

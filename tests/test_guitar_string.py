@@ -69,6 +69,17 @@ def test_the_lines_of_the_time_steps_are_the_roots_of_one_step() -> None:
     assert fine.frequencies[0] == pytest.approx(strings.beats(np.array([frequency]), gamma).frequencies[0], rel=2e-5)
 
 
+def test_beads_damped_alike_move_as_by_euler_cromer() -> None:
+    model = strings.string(40, [strings.Pluck(10, 0.01)])
+    frames = []
+    for alike in (False, True):
+        context = strings.start(model, 12_000, 4, alike=alike)
+        frames.append(of.record(model, context, 240, 4, observe=lambda x: x[:, 0]).values)
+    largest = np.abs(frames[0]).max()
+    assert np.abs(frames[1] - frames[0]).max() < 2e-3 * largest  # the force is 3e-5 less over 20 ms of all modes
+    assert np.abs(frames[1] - frames[0]).max() > 0
+
+
 def test_tension_is_told_from_the_lengths_of_the_bonds() -> None:
     rest = np.zeros((1, hard.SEGMENTS + 1, 3))
     rest[0, :, 2] = np.linspace(0, strings.LENGTH, hard.SEGMENTS + 1)

@@ -1,7 +1,7 @@
 """The guitar string of the thesis (2.3.1): 200 beads plucked at L/4, by 12 N as printed and by 0.01 N for its lines.
 
 The net force acts for 1/300 s on bead 50, the nearest to L/4 of 202 (the held bead at the end is bead 0). The 0.01 N run
-plucks bead 10 as well (0.08 N), in the other transverse direction: small motion in one does not feel the other. Its lines and
+plucks bead 10 as well (0.04 N), in the other transverse direction: small motion in one does not feel the other. Its lines and
 their decay are held against the exact discrete string. Its bonds are 64 times softer at the same tension, which changes
 none of its lines and lets its time step be eight times as long: this is measured against the true bonds.
 """

@@ -22,9 +22,9 @@ SEGMENTS = 201
 HARMONICS = 20
 BEADS = (50, 10)
 """Plucked beads: the nearest to L/4 (at 0.2488 L) moves in x, bead 10 in y; small motion in x does not feel that in y."""
-FORCES = (0.01, 0.08)
-"""N. Bead 10, nearer to the end, is not lifted as far: with 0.08 N even line 20, near a node of both, stands
-out of the rounding of nearly straight angles."""
+FORCES = (0.01, 0.04)
+"""N. Bead 10, nearer to the end, is not lifted as far: with 0.04 N even line 20, near a node of both, stands out of the
+rounding of nearly straight angles."""
 
 
 _FITTED = 0.7
@@ -77,7 +77,7 @@ def sines(segments: int, count: int) -> Array:
 def record(duration: float, kept: float, progress: Callable[[float], None] | None = None) -> Recording:
     """Pluck and run for `duration` s; every bead is kept for the first `kept` s, then sums and harmonics alone."""
     model = strings.string(SEGMENTS, _plucks())
-    context = strings.start(model, strings.RATE, strings.EVERY)
+    context = strings.start(model, strings.RATE, strings.EVERY, alike=True)
     # the mean over beads first, then one row a harmonic
     shapes = np.vstack([np.full(SEGMENTS + 1, 1 / (SEGMENTS - 1)), 2 / SEGMENTS * sines(SEGMENTS, HARMONICS)])
     begun, spent = time.perf_counter(), time.process_time()
@@ -191,7 +191,7 @@ def softness(recording: Recording, seconds: float) -> Softness:
     """Run the first `seconds` again with the true bonds, at eight times as many steps."""
     true = strings.string(SEGMENTS, _plucks(), softer=1.0)
     samples, every = round(seconds * recording.rate), 8 * strings.EVERY
-    context = strings.start(true, recording.rate, every)
+    context = strings.start(true, recording.rate, every, alike=True)
     begun = time.perf_counter()
     motion = of.record(true, context, samples, every, observe=lambda x: x[:, :2])
     wall = (time.perf_counter() - begun) / seconds

@@ -209,9 +209,9 @@ def _findings(runs: Sequence[Playing]) -> list[str]:
     return [
         f"(a) The even harmonics stay within {stay:.0e}; the odd ones fall, the first from {plain[0]:.2f} to "
         f"{a.modes.undamped[0]:.2f} Hz, the third from {plain[2]:.2f} to {a.modes.undamped[2]:.2f} Hz.",
-        f"Up to {top:.0f} Hz the plain string has {LINES} lines, (a) {more[0]} and (b) {more[1]}: loads move lines and hardly add any, "
-        f"but above 1e-4 of the strongest the sound of (a) shows {shown[0]} of its first {LINES} and that of (b) {shown[1]}, whose "
-        "modes have no symmetry.",
+        f"Up to {top:.0f} Hz the plain string has {LINES} lines, (a) {more[0]} and (b) {more[1]}: loads move lines and hardly add "
+        f"any, but above 1e-4 of the strongest the sound of (a) shows {shown[0]} of its first {LINES} and that of (b) {shown[1]}, "
+        "whose modes have no symmetry.",
         f"(b) The two pitches heard are its two strongest lines, {first:.2f} and {second:.2f} Hz, {second / first:.3f} to 1 and so "
         f"no harmonics of one note; the second has {part[loud[1]]:.1f} % of the first's amplitude, the next ({third:.1f} Hz) "
         f"{part[loud[2]]:.1f} %.",
