@@ -19,7 +19,7 @@ from openmm_filament.integrators import temperature_of
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
-__all__ = ["DivergedError", "Watch", "check_heat", "diagnose", "has_left", "watch"]
+__all__ = ["DivergedError", "Watch", "check_heat", "diagnose", "furthest", "has_left", "watch"]
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,12 @@ def has_left(model: Model, positions: Array) -> bool:
     """Whether beads are not finite, or spread further than any motion would take them."""
     if not np.isfinite(positions).all():
         return True
-    return bool(np.ptp(positions, axis=0).max() > _FAR * np.ptp(internal_positions(model), axis=0).max())
+    return bool(np.ptp(positions, axis=0).max() > furthest(model))
+
+
+def furthest(model: Model) -> float:
+    """The spread of beads along an axis, internal, above which `has_left` says that they have left."""
+    return float(_FAR * np.ptp(internal_positions(model), axis=0).max())
 
 
 def check_heat(model: Model, positions: Array, velocities: Array, temperature: float, step: int) -> None:

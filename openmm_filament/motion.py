@@ -13,7 +13,7 @@ from openmm import app, unit
 
 from openmm_filament import _checks as check
 from openmm_filament import units
-from openmm_filament.divergence import diagnose, has_left
+from openmm_filament.divergence import diagnose, furthest, has_left
 from openmm_filament.model import Model
 
 __all__ = ["Motion", "PluckReporter", "pluck_reporter", "record"]
@@ -81,12 +81,13 @@ def record(
     kept: list[Any] = []
     parts: dict[str, list[float]] = {}
     good = None
+    bound = furthest(model)
     for sample in range(samples + 1):
         if sample:
             _advance(model, context, every, dt)
         state = context.getState(positions=True, velocities=good is None, energy=energies)
         positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
-        if has_left(model, positions):
+        if not positions.max() - positions.min() <= bound and has_left(model, positions):  # NaN compares as false
             raise diagnose(model, context, positions, begun + sample * every, good)
         if good is None:
             good = positions, units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity"), begun

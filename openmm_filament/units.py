@@ -103,6 +103,8 @@ def numbers(name: str, value: Any, dimension: str) -> NDArray[np.float64]:
             f"Argument `{name}` must be a Quantity of {dimension} (such as {wanted.get_name()}), "
             f"but is {value!r} without a unit."
         )
+    if value.unit is wanted:
+        return np.array(check.array(name, value._value))
     target = _compatible(value.unit, dimension)
     if target is None:
         raise TypeError(

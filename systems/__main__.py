@@ -14,8 +14,12 @@ from pathlib import Path
 from systems.scene import OutputError, fresh_folder
 
 SYSTEMS = {
-    "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
     "mass_spring": "masses on a stretched chain of springs, every line of their transverse motion",
+    "guitar_string": "a guitar string of 200 beads, plucked hard and gently, against the stiff and the discrete string",
+    "xylophone_bar": "a bar under tension and as played, against Euler and Bernoulli",
+    "weighted_string": "the guitar string with beads 40 times heavier, against the exact modes of the loaded chain",
+    "open_ring": "an open ring pulled apart in its plane and across it, its energies and its deflections",
+    "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
 }
 
 

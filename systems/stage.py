@@ -68,10 +68,13 @@ def wire(
     )
 
 
-def context(model: of.Model, integrator: mm.Integrator) -> mm.Context:
-    """A Context at the rest positions, on the fastest platform, checked by preflight."""
-    platform = of.fastest_platform(model)
-    made = mm.Context(model.system, integrator, platform, of.platform_properties(model, platform))
+def context(model: of.Model, integrator: mm.Integrator, platform: str | None = None) -> mm.Context:
+    """A Context at the rest positions, checked by preflight, on the platform named or else the fastest.
+
+    Name "Reference" where positions are read every few steps: other platforms may step faster but hand over a State slowly.
+    """
+    chosen = of.fastest_platform(model) if platform is None else mm.Platform.getPlatformByName(platform)
+    made = mm.Context(model.system, integrator, chosen, of.platform_properties(model, chosen))
     made.setPositions(model.positions)
     of.preflight(model, made)
     return made
