@@ -1,13 +1,24 @@
 """Elastic filaments in OpenMM: chains of beads held by stretching, bending and torsion.
 
-Names are loaded when first used, so that `openmm_filament.wlc` needs neither openmm nor mdtraj.
+Names are loaded when first used, so that `openmm_filament.wlc` and `.analysis` need neither openmm nor mdtraj.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from openmm_filament import bending, electrostatics, loads, reference, shapes, stretching, torsion, units, wlc
+    from openmm_filament import (
+        analysis,
+        bending,
+        electrostatics,
+        loads,
+        reference,
+        shapes,
+        stretching,
+        torsion,
+        units,
+        wlc,
+    )
     from openmm_filament.discretisation import exact_extension
     from openmm_filament.divergence import watch
     from openmm_filament.evaluation import energies, forces
@@ -31,6 +42,7 @@ __all__ = [
     "Model",
     "WormlikeChain",
     "__version__",
+    "analysis",
     "bending",
     "build",
     "damped_modes",

@@ -20,10 +20,20 @@ PACKAGE = Path(of.__file__).parent
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("_checks",),
-    ("units", "geometry"),
-    ("_term", "wlc_discrete"),
-    ("stretching", "bending", "torsion", "electrostatics", "loads", "shapes", "wlc"),
-    ("filament",),
+    ("units", "geometry", "analysis.spectra"),
+    ("_term", "wlc_discrete", "analysis.peaks"),
+    (
+        "stretching",
+        "bending",
+        "torsion",
+        "electrostatics",
+        "loads",
+        "shapes",
+        "wlc",
+        "analysis.ringing",
+        "analysis.pitch",
+    ),
+    ("filament", "analysis"),
     ("reference", "rods", "model"),
     ("evaluation",),
 )
@@ -32,7 +42,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 Modules not named here (time steps, integrators, sampling, files) stand above all of these.
 """
 
-MODULES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in PACKAGE.rglob("*.py")}
+MODULES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in PACKAGE.rglob("*.py")
+}
 
 
 def imported(path: Path) -> set[str]:
@@ -94,8 +107,9 @@ def test_theory_and_geometry_name_no_heavy_package(module: str) -> None:
     assert not {name.split(".")[0] for name in imported(MODULES[module])} & heavy
 
 
-def test_the_theory_of_polymers_loads_no_heavy_package() -> None:
-    loaded = run("import sys, openmm_filament.wlc; print(*{m.split('.')[0] for m in sys.modules})").split()
+@pytest.mark.parametrize("module", ["wlc", "analysis"])
+def test_theory_and_analysis_load_no_heavy_package(module: str) -> None:
+    loaded = run(f"import sys, openmm_filament.{module}; print(*{{m.split('.')[0] for m in sys.modules}})").split()
     assert not {"openmm", "mdtraj", "matplotlib", "xarray", "simtk"} & set(loaded)
 
 
