@@ -9,7 +9,10 @@ from pathlib import Path
 
 from systems.scene import OutputError, fresh_folder
 
-SYSTEMS = {"dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain"}
+SYSTEMS = {
+    "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
+    "open_ring": "an open steel ring pulled apart at its ends, in its plane and out of it",
+}
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -17,7 +17,7 @@ from openmm_filament import Model
 __all__ = ["Check", "Draft", "OutputError", "Summary", "fresh_folder"]
 
 
-_RESULTS = frozenset({".json", ".csv", ".nc", ".png", ".pdb", ".dcd", ".jsonl"})
+_RESULTS = frozenset({".json", ".csv", ".nc", ".png", ".pdb", ".dcd", ".jsonl", ".wav", ".mp4", ".gif"})
 """Suffixes of the files that systems write, which new results replace."""
 
 
