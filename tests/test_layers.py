@@ -36,6 +36,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("filament", "analysis"),
     ("reference", "rods", "model"),
     ("evaluation",),
+    ("_drawing", "_opengl", "_stage", "rendering"),
 )
 """From the ground up: a module imports from lower layers, or from its own layer as long as there is no circle.
 
@@ -101,9 +102,11 @@ def test_the_package_does_not_import_its_users() -> None:
     assert not [line for line in outside if line.split(": ")[1].split(".")[0] in {"systems", "tests", "conftest"}]
 
 
-@pytest.mark.parametrize("module", [m for m in MODULES if m.startswith(("wlc", "analysis", "_checks", "geometry"))])
+@pytest.mark.parametrize(
+    "module", [m for m in MODULES if m.startswith(("wlc", "analysis", "_checks", "geometry", "_drawing"))]
+)
 def test_theory_and_geometry_name_no_heavy_package(module: str) -> None:
-    heavy = {"openmm", "mdtraj", "matplotlib", "xarray", "rich", "arviz_stats"}
+    heavy = {"openmm", "mdtraj", "matplotlib", "pyvista", "xarray", "rich", "arviz_stats"}
     assert not {name.split(".")[0] for name in imported(MODULES[module])} & heavy
 
 
