@@ -19,7 +19,18 @@ from openmm_filament.motion import Motion
 from openmm_filament.trajectory import TrajectoryWriter
 from systems.scene import Summary
 
-__all__ = ["JOULE", "NEWTON", "close", "context", "energy_slope", "metres", "progress", "seconds", "wire", "write_trajectory"]
+__all__ = [
+    "JOULE",
+    "NEWTON",
+    "close",
+    "context",
+    "energy_slope",
+    "metres",
+    "progress",
+    "seconds",
+    "wire",
+    "write_trajectory",
+]
 
 Array = NDArray[np.float64]
 

@@ -15,12 +15,20 @@ from systems.open_ring.ring import Swing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["ANGLES", "deflections", "energies", "paths", "trust"]
+__all__ = ["ANGLES", "LARGER", "SHAPES", "deflections", "energies", "paths", "trust"]
 
-ANGLES: dict[float, str] = {0.0: "0", math.pi / 4: "π/4", -math.pi / 4: "-π/4", math.pi / 2: "π/2", -math.pi / 2: "-π/2"}
+ANGLES: dict[float, str] = {
+    0.0: "0",
+    math.pi / 4: "π/4",
+    -math.pi / 4: "-π/4",
+    math.pi / 2: "π/2",
+    -math.pi / 2: "-π/2",
+}
 """Angles of the forces and their names."""
 
 SHAPES = {True: "gap of one segment", False: "ends that meet"}
+LARGER = 5
+"""Factor of the displacements where pictures of small ones say so."""
 COLOURS = {"internal": "k", "bending": "C0", "torsion": "C3", "stretching": "C2"}
 MARKS = {"tangential": ("C0", "o"), "radial": ("C2", "s"), "normal": ("C3", "D")}
 
@@ -36,19 +44,33 @@ def energies(path: Path, runs: Mapping[tuple[bool, float], Swing]) -> None:
             run = runs[gap, phi]
             for name, colour in COLOURS.items():
                 label = "total internal" if name == "internal" else name
-                ax.plot(1e3 * run.times, 1e3 * run.energies[name], colour, label=label, lw=2.4 if name == "internal" else 1.6)
+                ax.plot(
+                    1e3 * run.times,
+                    1e3 * run.energies[name],
+                    colour,
+                    label=label,
+                    lw=2.4 if name == "internal" else 1.6,
+                )
                 if phi:
                     other = runs[gap, -phi]
-                    ax.plot(1e3 * other.times, 1e3 * other.energies[name], "w:", lw=1.4)
+                    every = max(1, len(other.times) // 60)
+                    ax.plot(
+                        1e3 * other.times[::every],
+                        1e3 * other.energies[name][::every],
+                        "o",
+                        color=colour,
+                        mfc="w",
+                        ms=3,
+                    )
             sign = "" if phi == 0 else "±"
             ax.set_title(f"φ = {sign}{ANGLES[phi]}, {SHAPES[gap]}", fontsize=10)
             ax.grid(alpha=0.3)
         row[0].set_ylabel("energy (mJ)")
     for ax in axes[1]:
         ax.set_xlabel("time (ms)")
-    axes[0, 0].legend(fontsize=9, loc="upper right")
-    figure.suptitle("Open ring of 13 beads, opposite forces on its ends: energies in time (white dots: -φ)")
-    figure.savefig(path, dpi=140)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.suptitle("Open ring of 13 beads, opposite forces on its ends: energies in time (lines: +φ, circles: -φ)")
+    figure.savefig(path, dpi=100)
 
 
 def paths(path: Path, runs: Mapping[tuple[bool, float], Swing]) -> None:
@@ -60,7 +82,8 @@ def paths(path: Path, runs: Mapping[tuple[bool, float], Swing]) -> None:
     for row, gap in zip(axes, SHAPES, strict=True):
         for ax, phi in zip(row, (0.0, math.pi / 4, math.pi / 2), strict=True):
             run = runs[gap, phi]
-            x = 1e3 * run.positions
+            larger = 1 if gap and phi else LARGER
+            x = 1e3 * (run.positions[0] + larger * (run.positions - run.positions[0]))
             ax.plot(*x[0].T, "-", color="0.6", lw=1.2)
             ax.plot(*x[-1].T, "-", color="k", lw=1.2)
             beads = np.arange(x.shape[1])
@@ -71,9 +94,10 @@ def paths(path: Path, runs: Mapping[tuple[bool, float], Swing]) -> None:
                 push = (1 if end == 0 else -1) * _direction(run)
                 ax.quiver(*x[0, end], *(9 * push), color="C3", lw=1.8, arrow_length_ratio=0.3)
             _even(ax, x)
-            ax.set_title(f"φ = {ANGLES[phi]}, {SHAPES[gap]}", fontsize=10)
+            drawn = "" if larger == 1 else f",\ndrawn with {larger} times the displacement"
+            ax.set_title(f"φ = {ANGLES[phi]}, {SHAPES[gap]}{drawn}", fontsize=10)
     figure.suptitle("Paths of the 13 beads over 5 ms (grey: at rest; black: after 5 ms; red: the forces; mm)")
-    figure.savefig(path, dpi=140)
+    figure.savefig(path, dpi=100)
 
 
 def _direction(run: Swing) -> Any:
@@ -114,7 +138,12 @@ def deflections(
             return list(values), [100 * abs(v / exact - 1) for v in values.values()]
 
         formula = {"tangential": "3πPR³/EI", "radial": "πPR³/EI", "normal": "3πPR³/GJ"}[name]
-        ax.loglog(*off(closed[name]), colour, lw=1.2, label=f"{name}, {formula}: statics of the bead chain")
+        ax.loglog(
+            *off(closed[name]),
+            colour,
+            lw=3 if name == "tangential" else 1.2,
+            label=f"{name}, {formula}: statics of the bead chain",
+        )
         ax.loglog(*off(hess[name]), mark, color=colour, mfc="none", ms=8, label="   Hessian")
         if name in runs:
             ax.loglog(*off(runs[name]), mark, color=colour, ms=4, label="   OpenMM, damped run")
@@ -129,7 +158,7 @@ def deflections(
     ax.minorticks_off()
     ax.grid(alpha=0.3, which="both")
     ax.legend(fontsize=8)
-    figure.savefig(path, dpi=140)
+    figure.savefig(path, dpi=100)
 
 
 def trust(
@@ -149,6 +178,7 @@ def trust(
     left.set(
         xlabel="time step (stability limits)", ylabel="largest imbalance over peak energy",
         title="Work of the loads = kinetic + internal", xticks=step, xticklabels=[f"{s:.3g}" for s in step],
+        ylim=(error.min() / 3, error.max() * 3),
     )  # fmt: skip
     _loaded(middle, shares)
     steps, values, slope, slope_error = drift
@@ -156,19 +186,19 @@ def trust(
     right.axhline(0, color="k", lw=0.8)
     right.set(
         xlabel="steps (millions)", ylabel="energy / mean - 1 (millionths)",
-        title=f"Free ring, small amplitude: slope ({1e6 * slope:+.3f} ± {1e6 * slope_error:.3f})·10⁻⁶\nper 10⁶ steps",
+        title=f"Free ring, small amplitude: energy slope\n({1e9 * slope:+.1f} ± {1e9 * slope_error:.1f})·10⁻⁹ per 10⁶ steps",
     )  # fmt: skip
     for ax in (left, middle):
         ax.minorticks_off()
         ax.legend(fontsize=9)
     for ax in (left, middle, right):
         ax.grid(alpha=0.3)
-    figure.savefig(path, dpi=140)
+    figure.savefig(path, dpi=100)
 
 
 def _loaded(ax: Axes, shares: Mapping[bool, Sequence[tuple[float, float]]]) -> None:
     for gap, points in shares.items():
         load, share = np.array(points).T
         ax.loglog(load, share, "o-" if gap else "s-", color="C0" if gap else "C2", label=SHAPES[gap])
-        ax.loglog(load, share[0] * (load / load[0]) ** 2, "k:", label="second order" if gap else None)
+        ax.loglog(load, share[-1] * (load / load[-1]) ** 2, "k:", label="second order" if gap else None)
     ax.set(xlabel="force (N)", ylabel="share of bending in the internal energy", title="Forces normal to the plane")

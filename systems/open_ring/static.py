@@ -78,19 +78,24 @@ def from_statics(body: Ring, name: str) -> float:
     )
 
 
-def from_hessian(body: Ring, name: str) -> float:
-    """`f.H^-1.f` with the second derivatives of the model's energy, rigid motions made stiff (the load does no work on them)."""
+def from_hessian(body: Ring) -> dict[str, float]:
+    """`f.H^-1.f` by direction, with the second derivatives of the model's energy, rigid motions made stiff.
+
+    The load does no work on those.
+    """
     model = of.build(body.filament)
     x = np.asarray(model.positions.value_in_unit(unit.nanometer))
     matrix = hessian(model, x).toarray()
     rigid = [np.broadcast_to(axis, x.shape).ravel() for axis in np.eye(3)]
     rigid += [np.cross(axis, x - x.mean(axis=0)).ravel() for axis in np.eye(3)]
     basis = np.linalg.qr(np.array(rigid).T)[0]
-    force = np.zeros_like(x)
-    force[0], force[-1] = direction(body, name), -direction(body, name)
-    moved = np.linalg.solve(matrix + np.abs(matrix).max() * basis @ basis.T, force.ravel())
-    newton = stage.NEWTON / model.scale.factor("force")
-    return float(moved @ force.ravel() * model.scale.length * 1e-9 * newton)
+    forces = np.zeros((len(DIRECTIONS), *x.shape))
+    for force, name in zip(forces, DIRECTIONS, strict=True):
+        force[0], force[-1] = direction(body, name), -direction(body, name)
+    columns = forces.reshape(len(DIRECTIONS), -1).T
+    moved = np.linalg.solve(matrix + np.abs(matrix).max() * basis @ basis.T, columns)
+    unit_of = model.scale.length * 1e-9 * stage.NEWTON / model.scale.factor("force")
+    return dict(zip(DIRECTIONS, np.sum(moved * columns, axis=0) * unit_of, strict=True))
 
 
 def relaxed(beads: int, name: str, *, strain: float = 1e-5) -> float:
