@@ -96,7 +96,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             stage.write_trajectory(folder / f"{name}.dcd", one.model, one.times[frames], 1e9 * one.positions[frames])
     findings = [
         *judgement.findings(runs, forces, balance, shares, drift, gap_sizes),
-        *pictures.draw(folder, runs),
+        *pictures.draw(folder, runs, quick=quick),
     ]
     summary = Summary(
         system="open_ring",

@@ -19,7 +19,7 @@ _APART = 0.065
 """Distance between the rings in m."""
 
 
-def draw(folder: Path, runs: Mapping[tuple[bool, float], Swing]) -> list[str]:
+def draw(folder: Path, runs: Mapping[tuple[bool, float], Swing], *, quick: bool) -> list[str]:
     """A still and an animation of rings whose ends meet, phi = 0, pi/4, pi/2 side by side; a finding where nothing can draw."""
     if not of.rendering.available():
         text = "No 3D pictures: install the extra `render` (pip install openmm_filament[render])."
@@ -27,7 +27,7 @@ def draw(folder: Path, runs: Mapping[tuple[bool, float], Swing]) -> list[str]:
         return [text]
     shown = [runs[False, phi] for phi in (0.0, math.pi / 4, math.pi / 2)]
     half = len(shown[0].times) // 2
-    frames = slice(0, half + 1, max(1, half // 125))
+    frames = slice(0, half + 1, max(1, half // (25 if quick else 125)))
     rests = [run.positions[0] + (_APART * i, 0.0, 0.0) for i, run in enumerate(shown)]
     moved = [LARGER * (run.positions - run.positions[0]) for run in shown]
     radius = RADIUS * unit.meter
@@ -40,6 +40,8 @@ def draw(folder: Path, runs: Mapping[tuple[bool, float], Swing]) -> list[str]:
         title=title,
         rest=[rest * unit.meter for rest in rests],
         exaggerate=LARGER,
+        size=(640, 360) if quick else (960, 540),
+        fps=10 if quick else 25,
     )
     widest = [int(np.argmax(run.energies["internal"][: half + 1])) for run in shown]
     of.rendering.still(
