@@ -21,7 +21,7 @@ PACKAGE = Path(of.__file__).parent
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("_checks",),
     ("units", "geometry", "analysis.spectra"),
-    ("_term", "wlc_discrete", "analysis.peaks"),
+    ("_term", "wlc_discrete", "analysis.peaks", "analysis.projection"),
     (
         "stretching",
         "bending",
@@ -34,6 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "analysis.pitch",
     ),
     ("filament", "analysis"),
+    ("sound",),
     ("reference", "rods", "model"),
     ("evaluation",),
     ("_drawing", "_opengl", "_stage", "rendering"),
