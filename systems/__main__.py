@@ -12,6 +12,7 @@ from systems.scene import OutputError, fresh_folder
 SYSTEMS = {
     "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
     "open_ring": "an open steel ring pulled apart at its ends, in its plane and out of it",
+    "xylophone_bar": "a bar under tension and as played, its lines against the exact ones, and its sound",
 }
 
 

@@ -69,7 +69,13 @@ CHI_SQUARED = 1e-3
 LINE = 1e-11
 """Place of a single line, in bins, and its decay over the recording. Measured: at most 9e-14 (heights: 3e-12)."""
 FIT_SECONDS = 15.0
-"""Fit of 40 lines to 20,000 samples. Measured: 0.4 to 1 s on two idle cores, 3.3 s where they are shared."""
+"""Fit of 40 lines to 20,000 samples. Measured: 0.2 to 0.5 s on one core;
+5 s where threads compete for busy cores."""
+HEARD = 1e-4
+"""Strongest line of a WAV file against that of the motion, in Hz, over 1 or 2 s. Measured: 3e-7."""
+SIXTEEN_BITS = 0.7
+"""Sample of a WAV file against the motion at its time, in steps of the 16 bits: half a step of rounding.
+Measured: 0.53."""
 MIRRORED = 0.93
 """Common over all ink of a drawn ring and its mirror image. Measured: 1.0 and 0.965 (which row a half pixel falls on)."""
 SCALE_BAR = 0.02
@@ -78,10 +84,3 @@ SAME_PICTURE = 0.99
 """Common over all ink of two drawings of one shape. Measured: 0.9994 or more (MP4 loses a little)."""
 MOVED_PICTURE = 0.9
 """The same for successive frames of a film in which a bead moves by several of its radii. Measured: 0.60 at most."""
-"""Fit of 40 lines to 20,000 samples. Measured: 0.2 to 0.5 s on one core;
-5 s where threads compete for busy cores."""
-HEARD = 1e-4
-"""Strongest line of a WAV file against that of the motion, in Hz, over 1 or 2 s. Measured: 3e-7."""
-SIXTEEN_BITS = 0.7
-"""Sample of a WAV file against the motion at its time, in steps of the 16 bits: half a step of rounding.
-Measured: 0.53."""
