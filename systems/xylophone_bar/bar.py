@@ -55,9 +55,6 @@ BENDING = YOUNG * math.pi * RADIUS**4 / 4
 BETA_L = np.array([4.7300407, 7.8532046, 10.9956078, 14.1371655, 17.2787597])
 """Roots of cos x cosh x = 1, from which the frequencies of a free Euler-Bernoulli bar follow."""
 
-_MOST_LINES = 14
-"""Lines of a struck bar above rounding: the strike is 0.08 L wide."""
-
 
 @dataclass(frozen=True, eq=False)
 class Ringing:
@@ -138,7 +135,9 @@ def discrete_free(count: int, segments: int, *, ends: float = 0.5) -> Array:
     for i in range(segments - 1):
         second[i, i : i + 3] = 1, -2, 1
     stiffness = BENDING / a**3 * second.T @ second
-    squared = linalg.eigh(stiffness, np.diag(_masses(segments, ends)), eigvals_only=True, subset_by_index=(2, count + 1))
+    squared = linalg.eigh(
+        stiffness, np.diag(_masses(segments, ends)), eigvals_only=True, subset_by_index=(2, count + 1)
+    )
     return np.asarray(np.sqrt(squared) / (2 * np.pi))
 
 
@@ -163,7 +162,7 @@ def modes(model: of.Model, count: int) -> tuple[Array, Array]:
     return found.frequencies[chosen], flat / np.abs(flat).max(axis=1, keepdims=True)
 
 
-def strike(model: of.Model, place: float, *, rise: float, width: float = 0.08) -> Array:
+def strike(model: of.Model, place: float, *, rise: float, width: float = 0.07) -> Array:
     """Initial velocities (N,) along x in m/s: a Gaussian of `width` about `place`, both over L, at its middle about `rise`
     times the wave speed sqrt(EI/mu)/L of the bar. What sets a free bar in rigid motion is taken out.
     """
@@ -221,6 +220,5 @@ def set_velocities(context: object, model: of.Model, velocities: Array) -> None:
 
 def fitted(signal: Array, interval: float, near: Sequence[float] | Array) -> DampedSinusoids:
     """Undamped lines of a signal (T, N) about the frequencies `near` in Hz."""
-    wanted = np.asarray(near)[:_MOST_LINES]
-    guesses = lines(signal, interval, near=wanted).frequencies
+    guesses = lines(signal, interval, near=near).frequencies
     return damped_sinusoids(signal, interval, guesses, damped=False)

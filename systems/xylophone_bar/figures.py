@@ -28,14 +28,21 @@ def frequencies(path: Path, found: Mapping[str, Array], exact: Mapping[str, Arra
     for name, law in exact.items():
         n = np.arange(1, len(law) + 1)
         simulated = found[name]
-        left.plot(n, law / law[0], "-", color=COLOURS[name], lw=1, label=f"{NAMES[name]}: exact, discrete")
+        left.loglog(n, law / law[0], "-", color=COLOURS[name], lw=1, label=f"{NAMES[name]}: exact, discrete")
         left.plot(n, simulated / simulated[0], "o", color=COLOURS[name], ms=5, label="   simulated")
         right.semilogy(n, np.abs(simulated / law - 1), "o-", color=COLOURS[name], lw=0.8, label=NAMES[name])
     count = len(exact["tense"])
     left.plot([1, count], [1, count], "k:", label="harmonic, n")
     left.plot(np.arange(1, 6), beam() / beam()[0], "k+", ms=11, label="Euler-Bernoulli, free")
-    left.set(xlabel="mode n", ylabel="f_n / f_1", title="Lines of the bar", ylim=(0, 60))
-    right.set(xlabel="mode n", ylabel="|simulated / exact - 1|", title="Simulated lines against the exact discrete chain")
+    left.set(
+        xlabel="mode n", ylabel="f_n / f_1", title="Lines of the bar", ylim=(0.9, 400), xticks=(1, 2, 3, 4, 5, 6, 8, 10, 12),
+        xticklabels=("1", "2", "3", "4", "5", "6", "8", "10", "12"), yticks=(1, 3, 10, 30, 100),
+        yticklabels=("1", "3", "10", "30", "100"),
+    )  # fmt: skip
+    left.minorticks_off()
+    right.set(
+        xlabel="mode n", ylabel="|simulated / exact - 1|", title="Simulated lines against the exact discrete chain"
+    )
     right.axhline(1e-4, color="0.6", lw=0.8, ls="--")
     for ax in (left, right):
         ax.grid(alpha=0.3)
