@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from openmm_filament import (
-        analysis,
         bending,
         electrostatics,
         loads,
         reference,
         rendering,
         shapes,
-        sound,
         stretching,
         torsion,
         units,

@@ -81,9 +81,9 @@ def principal_axes(points: Array) -> tuple[Array, Array]:
 def look(points: Array, plane: str | None = None) -> Array:
     """Axes (rows: right, up, towards the viewer) from which the points (n, 3) are seen well.
 
-    The longest direction runs to the right. A shape in 3D is seen obliquely, one four times as long as wide from above,
-    a flat one from 29 degrees off its normal, a thin one (a string in motion, a straight chain) square on. `plane`, "xy", "xz" or "yz", is looked at square on,
-    its first axis to the right and its second up.
+    The longest direction runs to the right. A shape in 3D is seen obliquely, one three times as long as wide from
+    above, a flat one from 29 degrees off its normal, a thin one (a string in motion, a straight chain) square on.
+    `plane`, "xy", "xz" or "yz", is looked at square on, its first axis to the right and its second up.
     """
     if plane is not None:
         right, up = np.eye(3)[list(_PLANES[plane])]
@@ -94,7 +94,7 @@ def look(points: Array, plane: str | None = None) -> Array:
     if spreads[2] < 0.1 * spreads[1]:
         turn, lean = np.radians((15.0, -25.0))
     else:
-        turn, lean = np.radians((25.0 if spreads[1] > 0.25 * spreads[0] else 0.0, 20.0))
+        turn, lean = np.radians((25.0 if spreads[1] > spreads[0] / 3 else 0.0, 20.0))
     about_up = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
     about_right = np.array([[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]])
     seen: Array = about_right @ about_up @ axes

@@ -66,16 +66,6 @@ SMALL_POPULATION = 0.02
 """Extension of starts of a soft chain with bent joints at 80 pN against the exact one. Measured: 0.010."""
 CHI_SQUARED = 1e-3
 """Probability of a sum of squared deviations as large (or as small) as the one found. Seeded: it does not vary."""
-LINE = 1e-11
-"""Place of a single line, in bins, and its decay over the recording. Measured: at most 9e-14 (heights: 3e-12)."""
-FIT_SECONDS = 15.0
-"""Fit of 40 lines to 20,000 samples. Measured: 0.2 to 0.5 s on one core;
-5 s where threads compete for busy cores."""
-HEARD = 1e-4
-"""Strongest line of a WAV file against that of the motion, in Hz, over 1 or 2 s. Measured: 3e-7."""
-SIXTEEN_BITS = 0.7
-"""Sample of a WAV file against the motion at its time, in steps of the 16 bits: half a step of rounding.
-Measured: 0.53."""
 MIRRORED = 0.93
 """Common over all ink of a drawn ring and its mirror image. Measured: 1.0 and 0.965 (which row a half pixel falls on)."""
 SCALE_BAR = 0.02
