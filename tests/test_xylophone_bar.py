@@ -16,7 +16,7 @@ from scipy.io import wavfile
 import openmm_filament as of
 from systems import __main__ as command
 from systems import xylophone_bar as system
-from systems.xylophone_bar import bar
+from systems.xylophone_bar import bar, judgement
 
 DALTON = constants.physical_constants["atomic mass constant"][0]  # kg
 
@@ -50,9 +50,9 @@ def test_simulated_lines_are_those_of_the_chain_and_of_no_other(kind: str) -> No
     """The same lines held against one per cent more tension, or rigidity, miss by far more than the tolerance."""
     found = system.struck(kind, 30)
     exact = bar.discrete_tense(5, 30) if kind == "tense" else bar.discrete_free(5, 30)
-    assert np.abs(found.frequencies[:5] / exact - 1).max() < system.TOLERANCE
+    assert np.abs(found.frequencies[:5] / exact - 1).max() < judgement.TOLERANCE
     wrong = bar.discrete_tense(5, 30, 1.01 * bar.TENSION) if kind == "tense" else math.sqrt(1.01) * exact
-    assert np.abs(found.frequencies[:5] / wrong - 1).min() > 10 * system.TOLERANCE
+    assert np.abs(found.frequencies[:5] / wrong - 1).min() > 10 * judgement.TOLERANCE
 
 
 def test_bad_input_is_refused_before_anything_runs() -> None:

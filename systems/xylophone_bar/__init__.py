@@ -11,7 +11,6 @@ import csv
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from openmm_filament.geometry import bending_angles, chain_indices
 from openmm_filament.sound import strongest_line, write_wav
 from systems import stage
 from systems.scene import Check, Summary
-from systems.xylophone_bar import bar, figures
+from systems.xylophone_bar import bar, figures, judgement
 
 __all__ = ["options", "run"]
 
@@ -45,9 +44,6 @@ PLACES, RISES = {"tense": 0.27, "free": 0.24}, {"tense": 0.01, "free": 0.03}
 """Where a bar is struck, over L, off the nodes of its first modes, and how hard (see `strike`): the held bar is the stiffer the
 further it moves."""
 
-OTHER_TENSION = 20.4e3
-"""N, at which the third line is 10 % above 3 f1 if f1 is that of (2.11), the string without stiffness."""
-
 SOUND_DAMPING, SOUND_SECONDS = 8.0, 2.0
 """1/s and s of the bar that is heard."""
 
@@ -55,27 +51,15 @@ SOUND = {True: (16, 16_000, 0.2), False: (24, 44_100, 0.12)}
 """Segments of that bar, samples of its motion a second, and width of the mallet over L, quick or not: what the mallet excites
 lies below half the rate of sampling."""
 
-STEADY = 16
-"""Segments of the bar whose energy is followed."""
-
-TOLERANCE = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Struck:
-    """A bar's motion after a strike, and the lines (LINES,) and shapes (LINES, N) read from it."""
-
-    ring: bar.Ringing
-    frequencies: Array
-    errors: Array
-    shapes: Array
+GOLDEN = (math.sqrt(5) - 1) / 2
+"""Multiples of it, modulo 1, are places that no mode has all its nodes at."""
 
 
 def options(group: argparse._ArgumentGroup) -> None:
     """The system has no options of its own."""
 
 
-def struck(kind: str, segments: int, *, tension: float = bar.TENSION) -> Struck:
+def struck(kind: str, segments: int, *, tension: float = bar.TENSION) -> judgement.Struck:
     """Strike a bar and read its lines."""
     model = bar.tense(segments, tension) if kind == "tense" else bar.free(segments)
     near = bar.discrete_tense(LINES, segments, tension) if kind == "tense" else bar.discrete_free(LINES, segments)
@@ -83,14 +67,14 @@ def struck(kind: str, segments: int, *, tension: float = bar.TENSION) -> Struck:
     step = 0.8 if segments > 100 else 0.25
     ring = bar.ring_out(model, velocities, DURATION, INTERVAL, lowest=near[0], step=step)
     x = ring.transverse
-    columns = np.unique(np.linspace(0, x.shape[1] - 1, 11).round().astype(int))
+    columns = np.unique((np.arange(1, 14) * GOLDEN % 1 * x.shape[1]).astype(int))
     fit = bar.fitted(x[:, columns], INTERVAL, near)
     waves = np.exp(2j * np.pi * fit.frequencies * (ring.times - ring.times[0])[:, None])
     table = np.concatenate([waves.real, waves.imag, np.ones((len(x), 1))], axis=1)
     amplitudes = np.linalg.lstsq(table, x, rcond=None)[0]
     cosines, sines = amplitudes[:LINES], amplitudes[LINES : 2 * LINES]
     shapes = np.array([_principal(c, s) for c, s in zip(cosines, sines, strict=True)])
-    return Struck(ring, fit.frequencies, fit.frequency_errors, shapes)
+    return judgement.Struck(ring, fit.frequencies, fit.frequency_errors, shapes)
 
 
 def _principal(cosine: Array, sine: Array) -> Array:
@@ -113,7 +97,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             n: bars["free"] if n == segments["free"] else struck("free", n) for n in (COARSE_QUICK if quick else COARSE)
         }
         report(0.6)
-        other = struck("tense", QUICK["tense"], tension=OTHER_TENSION)
+        other = struck("tense", QUICK["tense"], tension=judgement.OTHER_TENSION)
         steps = 200_000 if quick else 500_000
         drift, faint = _free_energy(steps, rise=3.0), _free_energy(steps, rise=0.03)
         report(0.7)
@@ -123,15 +107,15 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     hessian = {kind: bar.modes(one.ring.model, LINES) for kind, one in bars.items()}
     limit = _extrapolated({n: one.frequencies[:5] for n, one in coarse.items()})
     checks = [
-        *_line_checks(bars, exact, hessian),
-        *_beam_checks({n: one.frequencies[:5] for n, one in coarse.items()}, limit),
-        *_claims(bars["tense"].frequencies, other.frequencies),
+        *judgement.line_checks(bars, exact, hessian),
+        *judgement.beam_checks({n: one.frequencies[:5] for n, one in coarse.items()}, limit),
+        *judgement.claims(bars["tense"].frequencies, other.frequencies),
         Check("energy slope per 10^6 steps, plus two errors", "exact", drift[0], 0.0, abs(drift[0]) + 2 * drift[1], 1e-6),
-        Check("strongest line of the WAV file, Hz", "exact", heard, pitch, abs(heard / pitch - 1), TOLERANCE),
+        Check("strongest line of the WAV file, Hz", "exact", heard, pitch, abs(heard / pitch - 1), judgement.TOLERANCE),
     ]  # fmt: skip
     figures.frequencies(folder / "frequencies.png", {k: one.frequencies for k, one in bars.items()}, exact)
     drawn = {k: one.shapes[:5] for k, one in bars.items()}
-    figures.shapes(folder / "shapes.png", drawn, {k: _aligned(hessian[k][1][:5], drawn[k]) for k in bars})
+    figures.shapes(folder / "shapes.png", drawn, {k: judgement.aligned(hessian[k][1][:5], drawn[k]) for k in bars})
     figures.spectra(folder / "spectrum.png", {k: one.ring for k, one in bars.items()}, exact)
     figures.convergence(folder / "convergence.png", {n: one.frequencies[:5] for n, one in coarse.items()}, limit)
     _table(folder / "lines.csv", bars, exact, hessian)
@@ -140,7 +124,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         frames = slice(0, 640, 4)
         stage.write_trajectory(folder / name, one.ring.model, one.ring.times[frames], 1e9 * one.ring.positions[frames])
     findings = [
-        *_findings(bars, exact, other, limit, drift, faint, heard, pitch),
+        *judgement.findings(bars, exact, other, limit, drift, faint, heard, pitch),
         *_pictures(folder, bars["free"], quick=quick),
     ]
     summary = Summary(
@@ -149,7 +133,8 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         platform="Reference",
         wall_seconds=time.perf_counter() - begun,
         filament={
-            "segments_under_tension": segments["tense"], "segments_free": segments["free"], "length_m": bar.LENGTH, "radius_m": bar.RADIUS, "youngs_modulus_Pa": bar.YOUNG,
+            "segments_under_tension": segments["tense"], "segments_free": segments["free"],
+            "length_m": bar.LENGTH, "radius_m": bar.RADIUS, "youngs_modulus_Pa": bar.YOUNG,
             "line_density_kg_per_m": bar.DENSITY, "tension_N": bar.TENSION, "end_mass_of_free_bar_over_bead_mass": 0.5,
             "timestep_s": bars["free"].ring.timestep, "bending_form": "harmonic", "stretching_form": "harmonic",
             "stretching_softer_by": bar.softness(segments["free"]), "sound_segments": SOUND[quick][0],
@@ -163,7 +148,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
 
 def _free_energy(steps: int, *, rise: float) -> tuple[float, float, float]:
     """Slope per 10^6 steps of the energy of a free bar at a tenth of the stability limit, its error, and the largest bend."""
-    model = bar.free(STEADY)
+    model = bar.free(judgement.STEADY)
     context = stage.context(model, of.verlet(model), "Reference")
     bar.set_velocities(context, model, bar.strike(model, PLACES["free"], rise=rise, width=0.2))
     every = 100
@@ -200,58 +185,11 @@ def _extrapolated(values: Mapping[int, Array]) -> Array:
     return np.asarray(np.dot(weights, list(values.values())))
 
 
-def _aligned(shapes: Array, like: Array) -> Array:
-    """Shapes (K, N) with the signs of others."""
-    return np.asarray(shapes * np.sign(np.sum(shapes * like, axis=1))[:, None])
-
-
-def _line_checks(
-    bars: Mapping[str, Struck], exact: Mapping[str, Array], hessian: Mapping[str, tuple[Array, Array]]
-) -> list[Check]:
-    checks = []
-    for kind, one in bars.items():
-        name = "under tension" if kind == "tense" else "with free ends"
-        for n in range(5):
-            f, law = float(one.frequencies[n]), float(exact[kind][n])
-            text = f"bar {name}: simulated line {n + 1} against the exact discrete chain, Hz"
-            checks.append(Check(text, "exact", f, law, abs(f / law - 1), TOLERANCE))
-        off = float(np.abs(hessian[kind][0] / exact[kind] - 1).max())
-        checks.append(Check(f"bar {name}: normal_modes against the exact lines", "exact", off, 0.0, off, 1e-7))
-        off = float(np.abs(one.shapes[:5] - _aligned(hessian[kind][1][:5], one.shapes[:5])).max())
-        checks.append(Check(f"bar {name}: simulated mode shapes, largest deviation", "exact", off, 0.0, off, 5e-3))
-    return checks
-
-
-def _beam_checks(coarse: Mapping[int, Array], limit: Array) -> list[Check]:
-    """The free bar against Euler and Bernoulli's, the segment length taken to zero."""
-    checks = []
-    for n in range(5):
-        f, law = float(limit[n]), float(bar.beam()[n])
-        text = f"free bar: simulated line {n + 1} extrapolated in the segment length, against Euler-Bernoulli, Hz"
-        checks.append(Check(text, "exact", f, law, abs(f / law - 1), TOLERANCE))
-    for n, ratio in ((2, 2.7565), (3, 5.4039), (4, 8.9330)):
-        found = float(limit[n - 1] / limit[0])
-        text = f"free bar: overtone {n} over the fundamental, extrapolated"
-        checks.append(Check(text, "exact", found, ratio, abs(found / ratio - 1), TOLERANCE))
-    sizes = sorted(coarse)[:2]
-    off = [abs(coarse[n][0] / bar.beam()[0] - 1) for n in sizes]
-    order = math.log(off[0] / off[1]) / math.log(sizes[1] / sizes[0])
-    checks.append(Check("free bar: order of the fundamental's convergence", "exact", order, 2.0, abs(order - 2), 0.05))
-    return checks
-
-
-def _claims(tense: Array, other: Array) -> list[Check]:
-    own = float(tense[2] / (3 * tense[0]))
-    string = math.sqrt(OTHER_TENSION / bar.DENSITY) / (2 * bar.LENGTH)
-    above = float(other[2] / (3 * string))
-    return [
-        Check("claim: f3 10 % above 3 f1, the bar's own (17.7 kN)", "claim", own, 1.10, abs(own - 1.10), 0.005),
-        Check("claim: f3 10 % above 3 f1, that of (2.11) (20.4 kN)", "claim", above, 1.10, abs(above - 1.10), 0.005),
-    ]
-
-
 def _table(
-    path: Path, bars: Mapping[str, Struck], exact: Mapping[str, Array], hessian: Mapping[str, tuple[Array, Array]]
+    path: Path,
+    bars: Mapping[str, judgement.Struck],
+    exact: Mapping[str, Array],
+    hessian: Mapping[str, tuple[Array, Array]],
 ) -> None:
     with path.open("w", newline="") as file:
         table = csv.writer(file)
@@ -266,37 +204,7 @@ def _table(
                 table.writerow([kind, i + 1, *(f"{v:.9g}" for v in row), beam, f"{f / one.frequencies[0]:.6f}"])
 
 
-def _findings(
-    bars: Mapping[str, Struck], exact: Mapping[str, Array], other: Struck, limit: Array, drift: tuple[float, float, float],
-    faint: tuple[float, float, float],     heard: float, pitch: float,
-) -> list[str]:  # fmt: skip
-    tense, free = bars["tense"].frequencies, bars["free"].frequencies
-    worst = {kind: float(np.abs(one.frequencies[:5] / exact[kind][:5] - 1).max()) for kind, one in bars.items()}
-    string = math.sqrt(OTHER_TENSION / bar.DENSITY) / (2 * bar.LENGTH)
-    segments = bars["free"].ring.transverse.shape[1] - 1
-    return [
-        f"The first five simulated lines agree with the exact discrete chain to {worst['tense']:.1e} (tension) and "
-        f"{worst['free']:.1e} (free).",
-        f"Under 17.7 kN the third line is {100 * (tense[2] / (3 * tense[0]) - 1):.2f} % above three times the bar's own first, "
-        f"and under 20.4 kN {100 * (other.frequencies[2] / (3 * string) - 1):.2f} % above three times that of a string without "
-        "stiffness: the claim holds at these tensions, which the thesis does not print.",
-        "As played the overtones are "
-        + ", ".join(f"{f / limit[0]:.4f}" for f in limit[1:])
-        + f" times the fundamental of {limit[0]:.2f} Hz (simulated, extrapolated), off Euler-Bernoulli by at most "
-        f"{np.abs(limit / bar.beam() - 1).max():.1e}.",
-        f"With {segments} segments and half masses at the ends the fifth line is {100 * (1 - free[4] / bar.beam()[4]):.2f} % low "
-        f"and the error falls as the square of the segment length; with whole masses there the first is "
-        f"{100 * (1 - bar.discrete_free(1, segments, ends=1.0)[0] / bar.beam()[0]):.2f} % low and the error falls in proportion.",
-        f"Energy of a free bar of {STEADY} segments at a tenth of the stability limit: slope ({drift[0]:.1e} +- {drift[1]:.1e}) of "
-        f"it per 10^6 steps with bends up to {drift[2]:.2g} rad, and ({faint[0]:.1e} +- {faint[1]:.1e}) with bends up to "
-        f"{faint[2]:.2g} rad, where OpenMM's arc cosine of a nearly straight angle adds noise.",
-        f"The WAV file's strongest line is {heard:.3f} Hz, the fundamental of the bar that was run {pitch:.3f} Hz.",
-        "The printed line density, 1.55 g/m, is that of the guitar string; steel of this radius weighs 0.22 kg/m and would sound "
-        "12 times lower.",
-    ]
-
-
-def _pictures(folder: Path, one: Struck, *, quick: bool) -> list[str]:
+def _pictures(folder: Path, one: judgement.Struck, *, quick: bool) -> list[str]:
     """A still and an animation of the free bar; a finding where nothing can draw."""
     if not of.rendering.available():
         text = "No 3D pictures: install the extra `render` (pip install openmm_filament[render])."
@@ -307,7 +215,7 @@ def _pictures(folder: Path, one: Struck, *, quick: bool) -> list[str]:
     frames = slice(0, count + 1, max(1, count // (16 if quick else 125)))
     larger = float(f"{0.05 / np.abs(one.ring.transverse[:count]).max():.1g}")
     radius = bar.RADIUS * unit.meter
-    title = "Bar with free ends, struck near one of them"
+    title = "Bar with free ends, struck at 0.24 of its length"
     of.rendering.animate(
         one.ring.positions[frames] * unit.meter, folder / "xylophone_bar.mp4", times=one.ring.times[frames] * unit.second,
         radius=radius, title=title, rest=rest, exaggerate=larger, fps=8 if quick else 25,
