@@ -47,7 +47,7 @@ further it moves."""
 SOUND_DAMPING, SOUND_SECONDS = 8.0, 2.0
 """1/s and s of the bar that is heard."""
 
-SOUND = {True: (16, 16_000, 0.2), False: (24, 44_100, 0.12)}
+SOUND = {True: (12, 16_000, 0.2), False: (24, 44_100, 0.12)}
 """Segments of that bar, samples of its motion a second, and width of the mallet over L, quick or not: what the mallet excites
 lies below half the rate of sampling."""
 
