@@ -50,7 +50,7 @@ class Check:
     @property
     def passed(self) -> bool:
         """Whether the error is within the tolerance; a NaN is not."""
-        return self.error <= self.tolerance
+        return bool(self.error <= self.tolerance)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,18 @@ from openmm_filament.motion import Motion
 from openmm_filament.trajectory import TrajectoryWriter
 from systems.scene import Summary
 
-__all__ = ["JOULE", "NEWTON", "close", "context", "metres", "progress", "seconds", "wire", "write_trajectory"]
+__all__ = [
+    "JOULE",
+    "NEWTON",
+    "close",
+    "context",
+    "energy_slope",
+    "metres",
+    "progress",
+    "seconds",
+    "wire",
+    "write_trajectory",
+]
 
 Array = NDArray[np.float64]
 
@@ -88,6 +99,18 @@ def seconds(motion: Motion) -> Array:
 def metres(values: Array) -> Array:
     """Lengths in nm, as `record` gives them, in m."""
     return values * 1e-9
+
+
+def energy_slope(energies: Array, steps: Array, *, blocks: int = 20) -> tuple[float, float]:
+    """Slope of a total energy (T,) over the `steps` (T,) at which it was taken: of its mean, per 10^6 steps.
+
+    A straight line through the means of `blocks` blocks, which average over the oscillations, and its standard error
+    from their scatter.
+    """
+    kept = len(energies) // blocks * blocks
+    means = np.stack([np.asarray(v[:kept]).reshape(blocks, -1).mean(axis=1) for v in (steps, energies)])
+    line, covariance = np.polyfit(means[0] / 1e6, means[1] / means[1].mean(), 1, cov=True)
+    return float(line[0]), float(math.sqrt(covariance[0, 0]))
 
 
 @contextmanager
