@@ -320,7 +320,8 @@ class _Problem:
 
     def nudged(self, x: Array, direction: Array) -> Array:
         """Positions moved a little along a direction."""
-        return x + _NUDGE * self._shortest(x) * direction / np.abs(direction).max()
+        push: Array = _NUDGE * self._shortest(x) / np.abs(direction).max() * direction
+        return x + push
 
     def report(self, x: Array, converged: bool, lowest: float, steps: int) -> Equilibrium:
         model = self.model

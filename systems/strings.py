@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from openmm import unit
 
 import openmm_filament as of
+from openmm_filament.integrators import internal_langevin
 from openmm_filament.motion import Motion
 from systems import stage
 
@@ -130,7 +131,8 @@ def start(model: of.Model, rate: float, every: int, *, alike: bool = False) -> m
     if alike:
         keep = 1 - DAMPING * timestep
         internal = integrator.getStepSize()
-        integrator = mm.LangevinMiddleIntegrator(0.0, -math.log(keep) / internal, internal)
+        step = internal.value_in_unit(unit.picosecond)
+        integrator = internal_langevin(model, 0.0, -math.log(keep) / step, step, None)
     return stage.context(model, integrator, "Reference")
 
 

@@ -118,11 +118,12 @@ def test_small_angles_need_double_precision(stiffness: float, kelvin: float | No
     assert platforms.needed_precision(of.build(chain(10, stiffness)), temperature) == precision
 
 
-def test_a_bent_chain_and_one_without_bending_need_no_double_precision() -> None:
+def test_a_warm_bent_chain_and_one_without_bending_need_no_double_precision_and_a_cold_one_does() -> None:
     bent = of.Filament(of.shapes.ring(12, 1 * NM), 10 * unit.dalton, TERMS[:2])
     springs = of.Filament(of.shapes.line(12, 1 * NM), 10 * unit.dalton, TERMS[:1])
     for filament in (bent, springs):
-        assert platforms.needed_precision(of.build(filament)) == "mixed"
+        assert platforms.needed_precision(of.build(filament), 298 * unit.kelvin) == "mixed"
+        assert platforms.needed_precision(of.build(filament)) == "double"
 
 
 # OpenCL -------------------------------------------------------------------------------------------------------------

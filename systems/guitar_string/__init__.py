@@ -32,7 +32,7 @@ _EXAGGERATE = 4.0
 def options(parser: argparse._ArgumentGroup) -> None:
     """Add the system's own command-line options."""
     parser.add_argument(
-        "--seconds", type=float, default=None, help="motion of the 0.01 N pluck; default 2.1 s (0.4 s with --quick)"
+        "--seconds", type=float, default=None, help="motion of the 0.01 N pluck; default 2.1 s (0.25 s with --quick)"
     )
 
 
@@ -41,7 +41,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     del seed  # nothing is random
     begun = time.perf_counter()
     console = Console()
-    duration = (0.4 if quick else 2.1) if options.seconds is None else options.seconds
+    duration = (0.25 if quick else 2.1) if options.seconds is None else options.seconds
     if duration < 0.2:
         raise ValueError(f"Argument `--seconds` must be at least 0.2, to part the harmonics, but is {duration:g}.")
     with stage.progress(f"pluck of 0.01 N, {duration:g} s") as show:
@@ -49,7 +49,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     found = soft.harmonics(recording)
     softness = soft.softness(recording, 0.006 if quick else 0.03)
     with stage.progress("pluck of 12 N") as show:
-        motion = hard.run(0.03 if quick else 0.15, show)
+        motion = hard.run(0.025 if quick else 0.15, show)
     heard, exact = _sounds(folder, recording, motion)
     _tables(folder, found, motion)
     figures.shapes(folder / "shapes.png", recording)

@@ -68,7 +68,7 @@ class HardPluck:
 def run(seconds: float, progress: Callable[[float], None] | None = None) -> HardPluck:
     """Pluck and run for so many seconds."""
     model = strings.string(SEGMENTS, [Pluck(BEAD, FORCE)], softer=1.0)
-    context = strings.start(model, RATE, EVERY)
+    context = strings.start(model, RATE, EVERY, alike=True)
     motion = of.record(
         model,
         context,

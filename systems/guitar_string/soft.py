@@ -216,7 +216,7 @@ def transverse(model: of.Model) -> Array:
 
 def coarse_sound(seconds: float) -> tuple[int, Array, float]:
     """A short-cut to the sound for quick runs: the segments of a coarser string, the mean of its beads in m, and its rate."""
-    segments, rate, every = 40, 12_000, 4
+    segments, rate, every = 24, 6_000, 5
     context = strings.start(model := strings.string(segments, [Pluck(10, FORCES[0])]), rate, every)
     motion = of.record(model, context, round(seconds * rate), every, observe=lambda x: x[1:-1, 0].mean())
     return segments, stage.metres(motion.values)[strings.released(motion)], rate
