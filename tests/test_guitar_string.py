@@ -22,6 +22,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
     return command.main(["guitar_string", "--output", str(folder), "--quick"]), folder
 
 
+@pytest.mark.slow
 def test_the_quick_run_passes_its_exact_checks_and_writes_its_files(results: tuple[int, Path]) -> None:
     code, folder = results
     written = {file.name for file in folder.iterdir()}
@@ -39,6 +40,7 @@ def test_the_quick_run_passes_its_exact_checks_and_writes_its_files(results: tup
     assert of.sound.strongest_line(folder / "guitar_string.wav") == pytest.approx(80.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_tension_one_per_cent_off_would_not_pass(results: tuple[int, Path]) -> None:
     rows = np.genfromtxt(results[1] / "harmonics.csv", delimiter=",", names=True)
     n = np.arange(1, soft.HARMONICS)

@@ -241,16 +241,6 @@ def test_bad_starts_and_steps_are_refused() -> None:
         chain.frequency_at(0.1)
 
 
-def test_a_filament_under_tension_asks_for_double_precision() -> None:
-    from openmm_filament.platforms import needed_precision
-
-    slack = of.build(
-        of.Filament(of.shapes.line(3, 1 * unit.nanometer), 1 * unit.dalton, Chain(2).model.filaments[0].terms)
-    )
-    assert needed_precision(Chain(2).model) == "double"
-    assert needed_precision(slack) == "mixed"
-
-
 def test_options_are_parsed_with_defaults_that_run() -> None:
     from systems import mass_spring
 

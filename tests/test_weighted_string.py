@@ -23,6 +23,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
     return command.main(["weighted_string", "--output", str(folder), "--quick"]), folder
 
 
+@pytest.mark.slow
 def test_the_quick_run_passes_its_exact_checks_and_writes_its_files(results: tuple[int, Path]) -> None:
     code, folder = results
     written = {file.name for file in folder.iterdir()}
@@ -36,6 +37,7 @@ def test_the_quick_run_passes_its_exact_checks_and_writes_its_files(results: tup
     assert claims[0]["value"] > 3
 
 
+@pytest.mark.slow
 def test_a_tension_one_per_cent_off_would_not_pass(results: tuple[int, Path]) -> None:
     with (results[1] / "lines.csv").open() as lines:
         rows = [row for row in csv.DictReader(lines) if row["case"] == "b"]

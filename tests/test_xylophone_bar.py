@@ -67,6 +67,7 @@ def test_bad_input_is_refused_before_anything_runs() -> None:
         of.euler_cromer(bar.free(16, damping=1e6), timestep=0.9 * of.stable_timestep(bar.free(16)))
 
 
+@pytest.mark.slow
 def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
     out = tmp_path / "bar"
     assert command.main(["xylophone_bar", "--output", str(out), "--quick"]) == 0
