@@ -171,7 +171,7 @@ def test_a_quick_run_writes_what_it_promises(results: Path) -> None:
         "mass_spring.wav",
     } <= files
     assert {"spectra.png", "mode_shapes.png", "convergence.png", "continuum.png"} <= files
-    assert ("mass_spring.mp4" in files) == ("mass_spring_3d.png" in files) == of.rendering.available()
+    assert ("animation.mp4" in files) == ("still.png" in files) == of.rendering.available()
     summary = json.loads((results / "summary.json").read_text())
     assert summary["terms"] == ["CustomBondForce"]
     assert {"tension_N", "stiffness_N_per_m", "bead_mass_kg", "length_m"} <= set(summary["filament"])

@@ -126,4 +126,4 @@ def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
     assert loaded.n_frames > 50
     assert loaded.time[-1] == pytest.approx((5 * unit.millisecond).value_in_unit(unit.picosecond), rel=1e-6)
     assert {"topology.pdb", "trajectory.dcd", "trajectory.jsonl"} <= names
-    assert ("open_ring.mp4" in names) == of.rendering.available()
+    assert ("animation.mp4" in names) == of.rendering.available()

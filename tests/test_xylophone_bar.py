@@ -79,7 +79,7 @@ def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
     names = {file.name for file in out.iterdir()}
     assert {"lines.csv", "frequencies.png", "shapes.png", "spectrum.png", "convergence.png"} <= names
     assert {"topology.pdb", "trajectory.dcd", "trajectory.jsonl"} <= names
-    assert ("xylophone_bar.mp4" in names) == of.rendering.available()
+    assert ("animation.mp4" in names) == of.rendering.available()
     rate, samples = wavfile.read(out / "xylophone_bar.wav")
     assert (rate, samples.dtype, samples.ndim) == (44_100, np.int16, 1)
     assert len(samples) >= 2 * rate

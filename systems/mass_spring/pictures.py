@@ -53,7 +53,7 @@ def show(folder: Path, chain: Chain, *, quick: bool = False) -> list[str]:
     kept = slice(None, None, 8 if quick else 2)
     of.rendering.animate(
         motion.values[kept] * unit.nanometer,
-        folder / "mass_spring.mp4",
+        folder / "animation.mp4",
         times=times[kept] * unit.second,
         radius=radius,
         bead_radius=beads,
@@ -65,7 +65,7 @@ def show(folder: Path, chain: Chain, *, quick: bool = False) -> list[str]:
     shown = _FRAMES // 40
     of.rendering.still(
         motion.values[shown] * unit.nanometer,
-        folder / "mass_spring_3d.png",
+        folder / "still.png",
         radius=radius,
         bead_radius=beads,
         title=f"{title}, after {times[shown] * 1e3:.1f} ms",

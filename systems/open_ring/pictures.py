@@ -34,7 +34,7 @@ def draw(folder: Path, runs: Mapping[tuple[bool, float], Swing], *, quick: bool)
     title = "Open rings, ends pulled apart: in the plane, at 45 degrees, normal to it"
     of.rendering.animate(
         [(rest + shift[frames] / LARGER) * unit.meter for rest, shift in zip(rests, moved, strict=True)],
-        folder / "open_ring.mp4",
+        folder / "animation.mp4",
         times=shown[0].times[frames] * unit.second,
         radius=radius,
         title=title,
@@ -46,7 +46,7 @@ def draw(folder: Path, runs: Mapping[tuple[bool, float], Swing], *, quick: bool)
     widest = [int(np.argmax(run.energies["internal"][: half + 1])) for run in shown]
     of.rendering.still(
         [(rest + shift[i]) * unit.meter for rest, shift, i in zip(rests, moved, widest, strict=True)],
-        folder / "open_ring_3d.png",
+        folder / "still.png",
         radius=radius,
         title=f"{title}, displaced {LARGER} times as far",
     )

@@ -217,7 +217,7 @@ def _pictures(folder: Path, one: judgement.Struck, *, quick: bool) -> list[str]:
     radius = bar.RADIUS * unit.meter
     title = "Bar with free ends, struck at 0.24 of its length"
     of.rendering.animate(
-        one.ring.positions[frames] * unit.meter, folder / "xylophone_bar.mp4", times=one.ring.times[frames] * unit.second,
+        one.ring.positions[frames] * unit.meter, folder / "animation.mp4", times=one.ring.times[frames] * unit.second,
         radius=radius, title=title, rest=rest, exaggerate=larger, fps=8 if quick else 25,
         size=(640, 360) if quick else (960, 540),
     )  # fmt: skip
@@ -225,7 +225,7 @@ def _pictures(folder: Path, one: judgement.Struck, *, quick: bool) -> list[str]:
     moments = [count // 8 * i for i in range(1, 5)]
     shown = [still + larger * (one.ring.positions[i] - still) + (0.1 * k, 0, 0) for k, i in enumerate(moments)]
     of.rendering.still(
-        [shape * unit.meter for shape in shown], folder / "xylophone_bar_3d.png", radius=radius,
+        [shape * unit.meter for shape in shown], folder / "still.png", radius=radius,
         title=f"{title}: four moments, displaced {larger:g} times as far",
     )  # fmt: skip
     return []
