@@ -13,7 +13,6 @@ import mdtraj
 import numpy as np
 import pytest
 import tolerances as tol
-from openmm import unit
 from scipy import integrate
 
 import openmm_filament as of
