@@ -345,7 +345,7 @@ def _points(
     elif isinstance(chain, Filament):
         if chain.closed or len(chain) < 2:
             raise ValueError("Argument `chain` must be an open filament of two beads or more to be pulled.")
-        plans = [(chain, 0.0)] * len(forces)
+        plans = [(chain if dimension == 3 else _laid_flat(chain), 0.0)] * len(forces)
     else:
         raise TypeError(f"Argument `chain` must be a WormlikeChain or a Filament, but is {chain!r}.")
     seeds = np.random.SeedSequence(seed).spawn(len(forces))
@@ -381,6 +381,26 @@ def _points(
         writer = TrajectoryWriter(model, paths[i], overwrite=overwrite) if i in paths else None
         points.append(_Point(float(force), float(wanted[i]), bias, runs, writer))
     return points
+
+
+def _laid_flat(chain: Filament) -> Filament:
+    """The filament with its rest shape turned into the xy plane, the only place where a planar run can hold it.
+
+    Raises ValueError if no plane holds it.
+    """
+    rest = units.numbers("rest", chain.rest, "length")
+    if not rest[:, 2].any():
+        return chain
+    centred = rest - rest.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
+    if sizes[2] > 1e-9 * sizes[0]:
+        raise ValueError(
+            "Argument `chain` must have a rest shape in one plane for dimension 2, but it leaves the best one by "
+            f"{np.abs(centred @ axes[2]).max():.3g} nm."
+        )
+    flat = centred @ axes.T
+    flat[:, 2] = 0.0
+    return replace(chain, rest=units.quantity(flat, "length"))
 
 
 def _sample(points: Sequence[_Point], workers: int, progress: Callable[[Progress], None] | None) -> bool:

@@ -213,6 +213,18 @@ def test_a_seed_gives_the_same_numbers_however_a_planar_run_is_cut(
     np.testing.assert_array_equal(curves[0].extension, curves[1].extension)
 
 
+def test_a_planar_run_lays_its_chain_into_the_plane() -> None:
+    """A rest shape along z, where `shapes.line` has it, serves two dimensions as well; one in no plane does not."""
+    terms = (stretching.Harmonic(150 * KJ / NM**2), bending.Harmonic(10 * KJ))
+    upright = of.Filament(of.shapes.line(5, 4 * NM), 100 * unit.dalton, terms)
+    curve = of.force_extension(upright, 3 * PN, WARM, 0.1, seed=2, dimension=2, processes=1)
+    z = (curve.extension - curve.exact_discrete) / curve.extension_error
+    assert abs(float(z[0])) < tol.SIGMAS
+    coil = of.Filament(of.shapes.helix(9, radius=3 * NM, pitch=4 * NM, turns=1), 100 * unit.dalton, terms[:1])
+    with pytest.raises(ValueError, match="`chain` must have a rest shape in one plane for dimension 2, but it leaves"):
+        of.force_extension(coil, 3 * PN, WARM, 0.1, dimension=2)
+
+
 def test_a_seed_gives_the_same_numbers_with_one_process_and_with_two(
     in_process: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
