@@ -11,7 +11,7 @@ from scipy import sparse
 from openmm_filament._term import Interaction
 from openmm_filament.model import Model
 
-__all__ = ["free_degrees", "hessian"]
+__all__ = ["free_degrees", "hessian", "product"]
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,18 @@ def hessian(model: Model, positions: Array) -> Any:
         if len(interaction.beads):
             total = total + _assembled(interaction, positions, size)
     return (total + total.T) / 2
+
+
+def product(model: Model, positions: Array, direction: Array) -> Array:
+    """The Hessian times a displacement (N, 3), exact to rounding, without the matrix; internal units."""
+    total = np.zeros_like(positions)
+    moved = positions + 1j * _STEP * direction
+    for interaction in model.interactions:
+        slopes = np.imag(interaction.term.gradient(moved[interaction.beads], interaction.parameters)) / _STEP
+        flat = interaction.beads.ravel()
+        for axis in range(3):
+            total[:, axis] += np.bincount(flat, slopes[..., axis].ravel(), len(positions))
+    return total
 
 
 def _assembled(interaction: Interaction, positions: Array, size: int) -> Any:

@@ -175,6 +175,7 @@ class _Problem:
         self.fixed = internal_positions(model)
         self.load = float(np.abs(model.pulls).max())
         self._damping = 0.0
+        self._seen: tuple[Array, Any] | None = None
 
     def is_arm(self, x: Array) -> bool:
         """Whether this is one open filament, pulled, held at bead 0 alone and bent everywhere."""
@@ -218,7 +219,10 @@ class _Problem:
         return total[self.free]
 
     def hessian(self, x: Array) -> Any:
-        return hessian(self.model, self.whole(x))[self.chosen][:, self.chosen].tocsc()
+        """The sparse Hessian of the free coordinates; that of the last x is kept."""
+        if self._seen is None or self._seen[0] is not x:
+            self._seen = x, hessian(self.model, self.whole(x))[self.chosen][:, self.chosen].tocsc()
+        return self._seen[1]
 
     def floor(self, x: Array) -> float:
         """The force that a rounding of every coordinate, and of the forces of the elements, may leave on a bead."""

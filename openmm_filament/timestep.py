@@ -15,6 +15,7 @@ from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.geometry import bending_angles
+from openmm_filament.hessian import free_degrees, product
 from openmm_filament.model import Model
 
 __all__ = ["highest_frequency", "slow_frequency", "stable_timestep"]
@@ -35,7 +36,7 @@ def stable_timestep(model: Model, positions: unit.Quantity | None = None) -> uni
     """The longest stable time step of Verlet, leapfrog and Langevin integration, 2/omega_max, as a physical time.
 
     omega_max is the stiffest mode of the mass-weighted Hessian at `positions` (physical, (N, 3); by default the
-    model's own), found by Lanczos iterations with the NumPy forces. Motion far from these positions can be stiffer:
+    model's own), found by Lanczos iterations with exact products of it. Motion far from these positions can be stiffer:
     use a fraction of the limit. For a scaled model pass `model.to_internal(...)` of it to an OpenMM integrator.
 
     Raises
@@ -51,28 +52,18 @@ def highest_frequency(model: Model, positions: Array) -> float:
     """omega_max in internal units at internal positions (N, 3)."""
     positions = _off_the_cones(model, positions)
     masses = model.masses
-    free = np.ones(positions.shape, dtype=bool)
-    free[model.held] = False
-    if model.planar:
-        free[:, 2] = False
+    free = free_degrees(model)
     degrees = int(free.sum())
     if not degrees or not any(len(interaction.beads) for interaction in model.interactions):
         raise ValueError(
             "Argument `model` must have a free bead and a term that acts on it to have a stable time step."
         )
     weights = (1 / np.sqrt(np.broadcast_to(masses[:, None], positions.shape)))[free]
-    # the displacement of a difference quotient: small against the shortest segment, large against rounding
-    reach = 1e-5 * min(
-        float(np.linalg.norm(np.diff(positions[i.beads[:, :2]], axis=1), axis=-1).min()) for i in model.interactions
-    )
-
-    still = _forces(model, positions)
 
     def apply(vector: Array) -> Array:
         moved = np.zeros_like(positions)
         moved[free] = weights * vector
-        step = reach / np.abs(moved).max()
-        return np.asarray(weights * (still - _forces(model, positions + step * moved))[free] / step)
+        return np.asarray(weights * product(model, positions, moved)[free])
 
     largest = _largest_eigenvalue(apply, degrees)
     if not largest > 0:
@@ -95,13 +86,6 @@ def _off_the_cones(model: Model, positions: Array) -> Array:
             aside: Array = np.random.default_rng(0).normal(size=positions.shape)
             return positions + 0.01 * float(length) * aside
     return positions
-
-
-def _forces(model: Model, positions: Array) -> Array:
-    total = np.zeros_like(positions)
-    for interaction in model.interactions:
-        total += interaction.forces(positions)
-    return total
 
 
 def _largest_eigenvalue(apply: Callable[[Array], Array], size: int) -> float:
