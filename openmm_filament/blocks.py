@@ -112,29 +112,35 @@ def run_block(block: Block) -> BlockResult:
         _begin(block, model, context)
         if block.keep_frames:
             start = _positions(context.getState(positions=True))[: len(block.filament)].astype(np.float32)
-        integrator.step(block.warm_up)
     else:
         context.loadCheckpoint(block.checkpoint)
     state = context.getState(positions=True, velocities=True)
-    good = _positions(state), _velocities(state), 0
+    good = _positions(state), _velocities(state), context.getStepCount()
 
+    def checked(look: bool) -> Array:
+        """The present positions; with `look` their heat too. Raises DivergedError."""
+        state = context.getState(positions=True, velocities=look)
+        positions = _positions(state)
+        if not np.isfinite(positions).all():
+            raise diagnose(model, context, positions, context.getStepCount(), good)
+        if look:
+            check_heat(model, positions, _velocities(state), heat, context.getStepCount())
+        return positions
+
+    if block.checkpoint is None:
+        integrator.step(block.warm_up)
+        checked(True)
     axis, beads = _axis(block.dimension), len(block.filament)
     extensions = np.empty((block.replicas, block.samples))
     frames = np.empty((block.samples, beads, 3), dtype=np.float32) if block.keep_frames else None
     between_looks = math.ceil(_LOOK_BEAD_STEPS / (block.replicas * beads * block.stride))
     for sample in range(block.samples):
         integrator.step(block.stride)
-        look = sample % between_looks == 0 or sample == block.samples - 1
-        state = context.getState(positions=True, velocities=look)
-        positions = _positions(state)
+        positions = checked(sample % between_looks == 0 or sample == block.samples - 1)
         chains = positions.reshape(block.replicas, beads, 3)
         extensions[:, sample] = chains[:, -1, axis] - chains[:, 0, axis]
         if frames is not None:
             frames[sample] = chains[0]
-        if not np.isfinite(positions).all():
-            raise diagnose(model, context, positions, (sample + 1) * block.stride, good)
-        if look:
-            check_heat(model, positions, _velocities(state), heat, (sample + 1) * block.stride)
     seconds = time.perf_counter() - begun
     return BlockResult(extensions * model.scale.length, start, frames, context.createCheckpoint(), seconds)
 

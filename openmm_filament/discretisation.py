@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -30,6 +30,9 @@ computed, as far as the wanted error asks; between them it is interpolated."""
 _SOFTER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
 """Bond stiffness over S/b that may be run: bonds are by far the stiffest modes. Softer ones are given a rest length at
 which their mean length under the force is that of the chain with its own S."""
+
+_STRETCH = 0.05
+"""Strain of a chain that stands for an inextensible one at the largest force, over the smallest wanted error."""
 
 _BOND_SPREAD, _BOND_STRAIN = 0.1, 0.1
 """Largest thermal fluctuation of a softer bond relative to its length, and largest strain by the force."""
@@ -145,10 +148,15 @@ def choose(
     """
     length, lp = (units.number("chain", q, "length") for q in (chain.contour_length, chain.persistence_length))
     kt = units.BOLTZMANN * units.number("temperature", temperature, "temperature") / PN
-    modulus = None if chain.stretch_modulus is None else units.number("chain", chain.stretch_modulus, "force") / PN
+    own = None if chain.stretch_modulus is None else units.number("chain", chain.stretch_modulus, "force") / PN
 
     def exact(force: Array) -> Array:
-        return np.asarray(wlc.extension_exact(force, lp, length, kt, stretch_modulus=modulus, finite=True))
+        return np.asarray(wlc.extension_exact(force, lp, length, kt, stretch_modulus=own, finite=True))
+
+    modulus = own
+    if modulus is None:  # beads cannot be inextensible: let the chain stretch by a small part of the wanted errors
+        modulus = max(float((forces / relative_error).max()) / _STRETCH, INEXTENSIBLE * kt * lp / length**2)
+        chain = replace(chain, stretch_modulus=modulus * unit.piconewton)
 
     continuous = exact(forces)
     fluctuation = _fluctuation(forces, continuous, exact, kt)
@@ -162,9 +170,9 @@ def choose(
     for column, (force, wanted) in enumerate(zip(forces, relative_error, strict=True)):
         at = np.exp(np.interp(np.log(counts), np.log(ladder), np.log(envelope[:, column] + 1e-12)))
         candidates = []
-        for soft in _SOFTER if modulus is not None else (1.0,):
-            run = soft * (modulus if modulus is not None else INEXTENSIBLE * kt * lp / length**2)
-            softer = 0.0 if modulus is None else force * spread[column] * (1 / run - 1 / modulus)
+        for soft in _SOFTER:
+            run = soft * modulus
+            softer = force * spread[column] * (1 / run - 1 / modulus)
             bias = at + softer
             samples = (fluctuation[column] / (np.maximum(wanted - bias, 1e-9) / 2)) ** 2
             cost = np.maximum(samples, FEWEST_SAMPLES) * counts**2 * np.sqrt(4 * run + 16 * kt * lp / b**2)
@@ -226,7 +234,8 @@ def _filament(
 ) -> Filament:
     """The chain in so many segments, with bonds softer by a factor under a tension in pN."""
     make = partial(chain.filament, segments, temperature)
-    if soft != 1.0 and chain.stretch_modulus is not None:
+    if soft != 1.0:
+        assert chain.stretch_modulus is not None
         make = partial(make, stretch_modulus=soft * chain.stretch_modulus, tension=tension * unit.piconewton)
     try:
         return make(match=Match.END_TO_END)

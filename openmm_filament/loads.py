@@ -38,6 +38,9 @@ def _indices(beads: int | Sequence[int], length: int, name: str) -> list[int]:
 class Hold(Load):
     """Beads held where they are: their mass in the System is zero, so that no integrator moves them.
 
+    One held bead leaves the chain free to turn about it. Two clamp it: its direction is then fixed half a segment from the
+    second of them, so that a rod of length L held at beads 0 and 1 is a cantilever of length `L - l0/2` (to first order).
+
     Parameters
     ----------
     beads : int or sequence of int
@@ -102,7 +105,9 @@ class Pluck(Load):
 
     def __post_init__(self) -> None:
         check.finite("force", check.shape("force", units.numbers("force", self.force, "force"), (3,)))
-        check.positive("duration", units.number("duration", self.duration, "time"))
+        check.positive("duration", units.number("duration", self.duration, "time"), unit="ps")
+        object.__setattr__(self, "force", units.frozen_copy(self.force))
+        object.__setattr__(self, "beads", _own(self.beads))
 
 
 @final
@@ -122,7 +127,8 @@ class Tension(Load):
     tension: unit.Quantity
 
     def __post_init__(self) -> None:
-        check.non_negative("tension", units.number("tension", self.tension, "force"))
+        if units.number("tension", self.tension, "force") < 0:
+            raise check.fail("tension", "not be negative", self.tension)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,8 +30,15 @@ _SHIFT = 1e-13
 """Distance of the shift below zero for the lowest modes, over the largest eigenvalue: that of rigid motions is zero, up to
 rounding."""
 
+_LOST = 1e3
+"""Eigenvalues of less than so many roundings of the largest are warned of."""
+
 _NEAR, _CLOSE = 2e-2, 1e-9
 """The first and the last distance of the shift above the largest eigenvalue, relative."""
+
+_STILL = 3e-7
+"""Modes slower than this part of the fastest are rounding: the eigenvalues of an undamped rigid motion, which are a double
+zero, come out as large as the square root of it."""
 
 _HERTZ_PS = 1e12
 """Picoseconds in a second."""
@@ -105,8 +113,7 @@ def normal_modes(
     elif highest:
         squared, vectors = _highest(matrix, wanted, _largest(model, positions))
     else:
-        shift = -_SHIFT * _largest(model, positions)
-        squared, vectors = eigsh(matrix, wanted, sigma=shift, which="LM", v0=_start(size))
+        squared, vectors = _lowest(matrix, wanted, _largest(model, positions))
     order = np.argsort(squared)
     squared, vectors = squared[order], vectors[:, order]
     shapes = np.zeros((wanted, *free.shape))
@@ -118,6 +125,8 @@ def normal_modes(
 
 def damped_modes(model: Model, *, positions: unit.Quantity | None = None) -> DampedModes:
     """All modes of `m x'' + m gamma x' + K x = 0` with the filaments' damping rate of each bead, as `euler_cromer` runs them.
+
+    Modes slower than 3e-7 of the fastest come out as frequency and decay zero, as undamped rigid motions do.
 
     Raises ValueError for a chain too long to be diagonalised whole (250 free beads).
     """
@@ -134,7 +143,9 @@ def damped_modes(model: Model, *, positions: unit.Quantity | None = None) -> Dam
     gamma = np.broadcast_to((np.concatenate(rates) / model.scale.factor("rate"))[:, None], free.shape)[free]
     state = np.block([[np.zeros((size, size)), np.eye(size)], [-matrix.toarray(), -np.diag(gamma)]])
     values, vectors = linalg.eig(state)
-    kept = values.imag >= 0
+    still = np.abs(values) < _STILL * np.abs(values).max()  # rigid motions, each a pair about zero
+    values = np.where(still, 0.0, values)
+    kept = np.where(still, np.cumsum(still) % 2 == 1, values.imag >= 0)
     values, vectors = values[kept], vectors[:size, kept]
     order = np.lexsort((-values.real, values.imag))
     values, vectors = values[order], vectors[:, order]
@@ -167,6 +178,39 @@ def _largest(model: Model, positions: Any) -> float:
     return highest_frequency(model, internal_positions(model, positions)) ** 2
 
 
+def _lowest(matrix: Any, count: int, top: float) -> tuple[Array, Array]:
+    """The lowest eigenvalues by inverse iteration: about zero, or just below where rigid motions make that singular."""
+    start = _start(matrix.shape[0])
+    factors = _factors(matrix)
+    shift = 0.0
+    if factors is None or factors.U.diagonal().min() <= 1e-15 * top:
+        shift = -_SHIFT * top
+        factors = _factors(matrix - shift * sparse.eye_array(matrix.shape[0]))
+        if factors is None:
+            raise ValueError(
+                "Argument `positions` must be near a minimum of the energy for so long a chain, but are not."
+            )
+    inverse = LinearOperator(matrix.shape, factors.solve)
+    _, vectors = eigsh(matrix, count, sigma=shift, which="LM", v0=start, OPinv=inverse)
+    squared = np.einsum("ik,ik->k", vectors, matrix @ vectors)
+    lost = np.finfo(float).eps * top
+    if (np.abs(squared[squared > 0]) < _LOST * lost).any() and shift == 0.0:
+        warnings.warn(
+            f"The lowest modes of this chain stand {squared[squared > 0].min() / top:.1e} of the highest apart from zero (in "
+            "omega^2), where rounding leaves few digits: take fewer, longer segments.",
+            stacklevel=4,
+        )
+    return squared, vectors
+
+
+def _factors(matrix: Any) -> Any:
+    """LU factors without pivoting, or None where the matrix is singular."""
+    try:
+        return splu(matrix.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:
+        return None
+
+
 def _highest(matrix: Any, count: int, top: float) -> tuple[Array, Array]:
     """The largest eigenvalues, from the largest to a per cent: a long chain crowds its modes there.
 
@@ -177,13 +221,8 @@ def _highest(matrix: Any, count: int, top: float) -> tuple[Array, Array]:
     vector, gap = _start(size), _NEAR
     while True:
         shift = top * (1 + gap)
-        factors = splu(
-            (matrix - shift * sparse.eye_array(size)).tocsc(),
-            permc_spec="NATURAL",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-        if (factors.U.diagonal() > 0).any():
+        factors = _factors(matrix - shift * sparse.eye_array(size))
+        if factors is None or (factors.U.diagonal() > 0).any():
             gap *= 2
             continue
         if gap < _CLOSE:

@@ -77,7 +77,9 @@ def record(
     length, energy = model.scale.length, model.scale.factor("energy")
     integrator = context.getIntegrator()
     dt = integrator.getStepSize().value_in_unit(unit.picosecond)
-    begun = context.getStepCount()
+    if not dt > 0:
+        raise ValueError(f"Argument `context` must have an integrator of fixed steps, but its step is {dt} ps.")
+    begun, since = context.getStepCount(), context.getTime().value_in_unit(unit.picosecond)
     kept: list[Any] = []
     parts: dict[str, list[float]] = {}
     good = None
@@ -97,7 +99,7 @@ def record(
                 parts.setdefault(name, []).append(value * energy)
         if progress is not None and sample % max(1, samples // 100) == 0:
             progress(sample / samples)
-    times = (begun + every * np.arange(samples + 1)) * dt
+    times = since + every * dt * np.arange(samples + 1)
     return Motion(
         model.to_physical(times, "time"),
         model.to_physical(every * dt, "time"),
@@ -120,7 +122,8 @@ def _advance(model: Model, context: mm.Context, steps: int, dt: float) -> None:
 
 
 def _last_step(model: Model, dt: float) -> int:
-    return round(model.letting_go / dt)
+    """The step at which the plucks let go: the nearest, and one at least."""
+    return max(round(model.letting_go / dt), 1)
 
 
 def _energies(model: Model, context: mm.Context, state: mm.State) -> dict[str, float]:

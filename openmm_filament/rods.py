@@ -77,7 +77,9 @@ class WormlikeChain:
     contour_length, persistence_length : Quantity
         L and l_p, length. l_p = A/(k_B T) with A the bending rigidity.
     stretch_modulus : Quantity, optional
-        S, force: the extension by a force F is F/S. None for an inextensible chain.
+        S, force: the extension by a force F is F/S. None for an inextensible chain. Beads cannot be that: `force_extension`
+        takes bonds stiff enough for its wanted error, `filament` bonds that are stiff against temperature (they fluctuate
+        by 5 %) and stretch by `F b/(400 k_B T)`, which is much for long segments: give a modulus there.
     line_density : Quantity, optional
         Mass per length. By default that of double-stranded DNA, 650 Da per 0.34 nm. It sets the time scale only:
         averages in equilibrium do not depend on it.

@@ -286,6 +286,10 @@ def force_extension(
     check.one_of("platform", platform, names)
     workers = _workers(processes)
     paths = {check.integer("trajectories", i, low=0, high=len(values) - 1): p for i, p in (trajectories or {}).items()}
+    if len({os.path.abspath(path) for path in paths.values()}) < len(paths):
+        raise ValueError(
+            f"Argument `trajectories` must name a file for each force, but names one twice: {trajectories}."
+        )
 
     points = _points(chain, values, kelvin, wanted, seed, dimension, platform, paths, overwrite, timestep)
     try:

@@ -128,7 +128,8 @@ def equilibrium(
     Raises
     ------
     ValueError
-        For a model without a free bead, counts below one, and `begin_at` outside [0, 1].
+        For a model without a free bead, one with a filament that is pulled away and held nowhere, counts below one, and
+        `begin_at` outside [0, 1].
     """
     check.within("begin_at", begin_at, 0, 1)
     check.integer("stages", stages, low=1)
@@ -172,6 +173,10 @@ class _Problem:
         if not self.free.any():
             raise ValueError("Argument `model` must have a free bead to come to rest, but all are held.")
         self.chosen = np.flatnonzero(self.free.ravel())
+        for load in model.loads:
+            net = sum(load.pulls.values(), np.zeros(3))
+            if not load.held and np.abs(net).max() > 1e-9 * max(np.abs(f).max() for f in [*load.pulls.values(), net]):
+                raise ValueError("Argument `model` must hold a bead of a filament that is pulled away to come to rest.")
         self.fixed = internal_positions(model)
         self.load = float(np.abs(model.pulls).max())
         self._damping = 0.0

@@ -22,7 +22,7 @@ __all__ = ["highest_frequency", "slow_frequency", "stable_timestep"]
 
 Array = NDArray[np.float64]
 
-_STRAIGHT = 1e-3
+_STRAIGHT = 1e-7
 """Bending angle in rad taken for straight beside a bent rest angle."""
 
 _DENSE = 24

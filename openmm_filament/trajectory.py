@@ -39,7 +39,8 @@ class TrajectoryWriter:
         Of the DCD. The sidecar stands beside it with the suffix .jsonl, and the PDB with the suffix .pdb, "topology"
         standing for "trajectory" in its name.
     overwrite : bool
-        Whether files that exist may be replaced, when the first frame is written; otherwise FileExistsError.
+        Whether files that exist may be replaced, which happens when the first frame is written; otherwise
+        FileExistsError.
     """
 
     def __init__(self, model: Model, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:

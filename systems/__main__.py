@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("interrupted: nothing was sampled yet", file=sys.stderr)
+        print("interrupted: nothing is kept of this run", file=sys.stderr)
         return 130
     print(f"Results in {place}")
     return code

@@ -189,6 +189,8 @@ def force_discrete(
     """
     chain = DiscreteChain(segments, bond_length, bending, kT, stretching, bending_form, rest_angles, flip, dimension)
     values = check.non_negative("extension", extension)
+    if not values.any():
+        return scalar_or_array(np.zeros_like(values))
     if chain.stretching is None:
         check_below_contour(values, chain.contour_length)
     fraction = np.minimum(values / chain.contour_length, 0.999)

@@ -186,8 +186,8 @@ def _findings(curves: list[coil.Curve]) -> list[str]:
         ends = smooth.converged[0], smooth.converged[-1]
         sentences.append(
             "The weighted torsion stays smooth, but pushes its bends open: of the same stiffness at rest it is no stand-in for "
-            f"this helix, which it draws together to {ends[0].extension / coil.CONTOUR:.2f} of the contour at {ends[0].force:.3g} N "
-            f"and {ends[1].extension / coil.CONTOUR:.2f} at {ends[1].force:.3g} N."
+            f"this helix, which it draws together to {ends[0].extension / coil.CONTOUR:.2f} of the contour at "
+            f"{ends[0].force:.3g} N and {ends[1].extension / coil.CONTOUR:.2f} at {ends[1].force:.3g} N."
         )
     return sentences
 
