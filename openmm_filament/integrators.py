@@ -200,12 +200,6 @@ def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.I
 
 def thermal_step(model: Model, kelvin: float, timestep: unit.Quantity | None = None) -> float:
     """The time step of `langevin` in internal units: as given, checked, or the default at so many physical kelvin."""
-    depth = np.ptp(internal_positions(model)[:, 2]) * model.scale.length
-    if model.planar and depth > 1e-9 * np.ptp(internal_positions(model)) * model.scale.length:
-        raise ValueError(
-            f"Argument `model` must lie in the plane to move in it, but its rest shape spans {depth:.6g} nm in z: lay it "
-            "along x, such as rest[:, [2, 0, 1]] of a chain along z."
-        )
     if timestep is not None:
         return _step(model, timestep, 1.0)
     limit = 2.0 / highest_frequency(model, internal_positions(model))

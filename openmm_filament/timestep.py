@@ -53,6 +53,8 @@ def highest_frequency(model: Model, positions: Array) -> float:
     positions = _off_the_cones(model, positions)
     masses = model.masses
     free = free_degrees(model)
+    if model.planar and np.ptp(positions[:, 2]) > 1e-9 * np.ptp(positions):
+        free[:, 2] = free[:, 0]  # a shape out of the plane may turn into it: then what is stiff in z will count
     degrees = int(free.sum())
     if not degrees or not any(len(interaction.beads) for interaction in model.interactions):
         raise ValueError(

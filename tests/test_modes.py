@@ -199,6 +199,23 @@ def test_damping_of_single_beads_decays_as_a_run_does() -> None:
     assert not np.allclose(modes.decay_rates, modes.decay_rates[0], rtol=0.05)
 
 
+def test_a_chain_too_long_for_its_rounding_is_warned_of() -> None:
+    with pytest.warns(UserWarning, match="lowest modes of this chain .* where rounding leaves few digits"):
+        of.normal_modes(string(20_000), 2)
+
+
+def test_rigid_motions_are_damped_modes_without_frequency_and_decay() -> None:
+    bar = of.Filament(
+        of.shapes.line(4, 1 * NM), 1 * unit.dalton, (stretching.Harmonic(9 * KJ / NM**2), bending.Harmonic(5 * KJ))
+    )
+    model = of.build(bar)
+    modes = of.damped_modes(model)
+    assert len(modes.frequencies) == 15
+    np.testing.assert_array_equal(modes.frequencies[:5], 0)
+    np.testing.assert_array_equal(modes.decay_rates[:5], 0)
+    np.testing.assert_allclose(modes.frequencies[5:], of.normal_modes(model).frequencies[5:], rtol=1e-9)
+
+
 def test_what_has_no_modes_is_refused() -> None:
     pair = of.Filament(of.shapes.line(1, 1 * NM), 1 * unit.dalton, (stretching.Harmonic(1 * KJ / NM**2),))
     with pytest.raises(ValueError, match="`model` must have a free bead to have modes"):

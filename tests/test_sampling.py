@@ -585,3 +585,19 @@ def test_blocks_know_their_checkpoint_alone() -> None:
     """Two blocks are told apart by identity; a copy with a checkpoint is another block."""
     first = block()
     assert replace(first, checkpoint=b"x") != first
+
+
+def test_one_file_for_two_forces_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.dcd"
+    with pytest.raises(ValueError, match="`trajectories` must name a file for each force, but names one twice"):
+        of.force_extension(filament(4), [1, 2] * PN, WARM, 0.1, trajectories={0: path, 1: str(path)})
+    assert not path.exists()
+
+
+def test_an_inextensible_chain_is_sampled_at_forces_that_soft_bonds_would_not_stand() -> None:
+    chain = of.WormlikeChain(200 * NM, 53 * NM)
+    curve = of.force_extension(chain, [10, 60] * PN, WARM, 0.05, seed=1)
+    exact = wlc.extension_exact(
+        [10, 60], 53, 200, WARM.value_in_unit(unit.kelvin) * of.units.BOLTZMANN / 0.602214076, finite=True
+    )
+    assert (np.abs(curve.extension / exact - 1) < 0.05).all()

@@ -222,3 +222,12 @@ def test_plucks_play_no_part_and_bad_arguments_are_refused() -> None:
         of.equilibrium(model, begin_at=1.5)
     with pytest.raises(ValueError, match="`model` must have a free bead to come to rest, but all are held"):
         of.equilibrium(of.build(chain, [Hold(range(4))]))
+
+
+def test_a_chain_that_nothing_holds_is_refused_where_it_is_pulled_away() -> None:
+    chain = of.Filament(of.shapes.line(3, 1 * NM), 1 * unit.dalton, (stretching.Harmonic(STIFF),))
+    with pytest.raises(ValueError, match="`model` must hold a bead of a filament that is pulled away"):
+        of.equilibrium(of.build(chain, [Pull(-1, (0, 0, 5) * N_PER)]))
+    balanced = of.equilibrium(of.build(chain, [Pull(-1, (0, 0, 5) * N_PER), Pull(0, (0, 0, -5) * N_PER)]))
+    assert balanced.converged
+    assert tip(balanced)[2] == pytest.approx(3 * (1 + 5 / 1e4), rel=1e-9)

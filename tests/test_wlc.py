@@ -671,3 +671,9 @@ def test_docstring_examples(module):
 def test_loads_no_heavy_package():
     code = "import sys, openmm_filament.wlc; print(*{'openmm', 'mdtraj', 'matplotlib'} & set(sys.modules))"
     assert not subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def test_no_extension_takes_no_force() -> None:
+    chain = {"segments": 5, "bond_length": 1.0, "bending": 10.0, "kT": 4.0}
+    assert wlc.force_discrete(0.0, **chain) == 0.0
+    np.testing.assert_array_equal(wlc.force_discrete([0.0, 0.0], **chain), [0.0, 0.0])
