@@ -38,6 +38,9 @@ _COARSE = 1e-4
 _STAGE = 60
 """Newton steps of one stage before the load is raised by less."""
 
+_HALF = 0.5
+"""The part of the load from which the last leap of an arm is made."""
+
 _SMALLEST_STAGE = 1e-3
 """Part of the load that is not divided further."""
 
@@ -139,6 +142,7 @@ def equilibrium(
     left = most_steps
     reached, raise_by = begin_at, (1.0 - begin_at) / stages
     if problem.is_arm(x):
+        x, left = problem.led_on(x, begin_at, left)
         reached = 1.0
     while reached < 1.0 and left > 0:
         share = min(reached + raise_by, 1.0)
@@ -189,6 +193,17 @@ class _Problem:
         if len(model.filaments) > 1 or filament.closed or model.planar or load.held != [0] or not self.load:
             return False
         return len(filament) > 3 and bool(sines(self.whole(x)).min() > COLLINEAR)
+
+    def led_on(self, x: Array, share: float, most: int) -> tuple[Array, int]:
+        """An arm at rest under a part of the load, led on to half of the full one by doubling: positions, steps left."""
+        model, left = self.model, most
+        while 0 < share < _HALF and left > 0:
+            share *= 2
+            found, steps = relaxed(
+                self.whole(x), model.interactions, share * model.pulls, most=left, tolerance=_COARSE
+            )
+            x, left = found[self.free], left - steps
+        return x, left
 
     def settle(self, x: Array, most: int) -> tuple[Array, int, bool]:
         """At rest under the full load: the positions, the steps left, and whether they converged."""

@@ -42,6 +42,9 @@ SHEAR = (1e7, 1e8, 1e9, 1e10, 1e11)
 """E and the values of G in Pa: 1, 10 and 100 GPa are the thesis's, the softer two are added."""
 
 SEGMENTS = 55
+_STEPS = 400
+"""Newton steps for a point; 60 are usual."""
+
 DENSITY = 1e3  # kg/m^3; a static scene needs none, a filament has masses
 
 CONTOUR = math.hypot(2 * math.pi * RADIUS * TURNS, HEIGHT)
@@ -122,7 +125,7 @@ def pulled(
     at_rest = of.stable_timestep(helix(shear, float(forces[0]), form=form))
     for force in forces:
         model = helix(shear, float(force), form=form)
-        found = of.equilibrium(model, positions=positions, begin_at=before / float(force), most_steps=2000)
+        found = of.equilibrium(model, positions=positions, begin_at=before / float(force), most_steps=_STEPS)
         x = found.positions.value_in_unit(unit.meter)
         if found.converged and found.is_minimum:
             positions, before = found.positions, float(force)
