@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from pathlib import Path
@@ -10,12 +11,14 @@ import numpy as np
 import pytest
 import tolerances as tol
 from openmm import unit
+from rich.console import Console
 
 import openmm_filament as of
 from systems import __main__ as command
 from systems import stage
 from systems.open_ring import judgement, static
 from systems.open_ring.ring import BEADS, BENDING, SEGMENT, ring, swing, thesis_ring
+from systems.scene import Check, Summary
 
 
 @pytest.mark.parametrize("gap", [True, False])
@@ -101,6 +104,27 @@ def test_the_energy_slope_of_a_line_is_its_slope(rng: np.random.Generator) -> No
     slope, error = stage.energy_slope(energies, steps)
     assert abs(slope - 3e-6) < 4 * error
     assert error < 1e-6
+
+
+def test_the_closing_list_puts_failures_first_and_keeps_brackets(tmp_path: Path) -> None:
+    checks = [
+        Check("fine [1/s]", "exact", 1.0, 1.0, 0.0, 0.1),
+        Check("said", "claim", 1.0, 2.0, 1.0, 0.1),
+        Check("wrong", "exact", 1.0, 2.0, 1.0, 0.1),
+    ]
+    console = Console(file=io.StringIO(), width=200)
+    summary = Summary("none", [], "Reference", 0.0, {}, checks, [stage.NO_PICTURES])
+    assert stage.close(tmp_path, summary, console) == 1
+    assert isinstance(console.file, io.StringIO)
+    lines = console.file.getvalue().splitlines()
+    starts = [
+        "FAILED wrong:",
+        "differs from the thesis said:",
+        "passed fine [1/s]:",
+        "1 FAILED, 1 checks passed, 1 of the ",
+    ]
+    assert [line.startswith(start) for line, start in zip(lines, starts, strict=False)] == [True] * 4
+    assert "openmm-filament[render]" in lines[4]
 
 
 def test_too_long_a_step_is_refused() -> None:

@@ -234,7 +234,7 @@ def _pictures(folder: Path, run: Playing, *, quick: bool) -> list[str]:
     times = np.arange(len(frames)) * every / run.rate
     stage.write_trajectory(folder / "trajectory.dcd", run.model, times, frames)
     if not rendering.available():
-        return ["No 3D pictures: install the extra `render` (pip install openmm-filament[render])."]
+        return [stage.NO_PICTURES]
     radius = strings.RADIUS * unit.meter
     beads = np.full(segments + 1, 1.6 * strings.RADIUS)
     beads[run.case.heavy(segments)] *= 40 ** (1 / 3)
