@@ -194,7 +194,7 @@ def balance(
     right.axhline(0, color="k", lw=0.8)
     right.set(
         xlabel="steps (millions)", ylabel="energy / mean - 1 (millionths)",
-        title=f"No forces, small swing in four modes: slope of the energy\n"
+        title=f"Free ring, four modes: slope of its energy\n"
         f"({1e9 * slope:+.1f} ± {1e9 * slope_error:.1f})·10⁻⁹ per 10⁶ steps",
     )  # fmt: skip
     for ax in (left, middle):

@@ -121,9 +121,8 @@ def findings(
         f"The first five simulated lines agree with the exact discrete chain to {worst['tense']:.1e} (tension) and "
         f"{worst['free']:.1e} (free).",
         f"Under 17.7 kN the third line is {100 * (tense[2] / (3 * tense[0]) - 1):.2f} % above three times the bar's own first "
-        f"(10 % {verdicts[0]}), and under 20.4 kN {100 * (other.frequencies[2] / (3 * string) - 1):.2f} % above three times that of a string without "
-        "stiffness "
-        f"(10 % {verdicts[1]}); the thesis prints neither tension.",
+        f"(10 % {verdicts[0]}), and under 20.4 kN {100 * (other.frequencies[2] / (3 * string) - 1):.2f} % "
+        f"above three times that of a string without stiffness (10 % {verdicts[1]}); the thesis prints neither tension.",
         "As played the overtones are "
         + ", ".join(f"{f / limit[0]:.4f}" for f in limit[1:])
         + f" times the fundamental of {limit[0]:.2f} Hz (simulated, extrapolated), off Euler-Bernoulli by at most "
