@@ -217,7 +217,8 @@ def _findings(runs: Sequence[Playing]) -> list[str]:
         f"Up to {top:.0f} Hz the plain string has {LINES} lines, (a) {more[0]} and (b) {more[1]}; "
         f"above 1e-4 of the strongest the sound of (a) shows {shown[0]} of its first {LINES} and that of (b) {shown[1]}.",
         f"(b) The two pitches heard are its two strongest lines, {first:.2f} and {second:.2f} Hz, {second / first:.3f} to 1, which "
-        f"{'are' if harmonic else 'are not'} a fundamental and a harmonic of it; the second has {part[loud[1]]:.1f} % of the first's amplitude, the next ({third:.1f} Hz) "
+        f"{'are' if harmonic else 'are not'} a fundamental and a harmonic of it; the second has "
+        f"{part[loud[1]]:.1f} % of the first's amplitude, the next ({third:.1f} Hz) "
         f"{part[loud[2]]:.1f} %.",
         f"(c) With the heavy beads damped at {c.case.damping:.0f}/s lines 1 to 5 decay at {c.decay_rates[:5].mean():.2f}/s "
         f"on average and the last five of {LINES} at {c.decay_rates[-5:].mean():.2f}/s; from {c.decay_rates.max():.2f} to "
