@@ -101,7 +101,7 @@ def write_wav(
     ValueError
         If the recording, played at this speed, is shorter than `seconds`; if its audible lines (20 Hz to 20 kHz as played)
         are 60 dB below its strongest one, with a speed that would make that heard; if the interval, as played, is so long
-        that nothing could be heard; if the signal is constant, not finite
+        that nothing could be heard; if the signal is constant (or moves by less than 1e-295), not finite
         or not one column; if `path` does not end in .wav.
     TypeError
         If `interval` is no time.
@@ -169,8 +169,9 @@ def _motion(signal: Any) -> Array:
     values = check.shape("signal", check.finite("signal", numbers), (None,))
     if len(values) < 16:
         raise check.fail("signal", "have at least 16 samples", f"{len(values)} samples long")
-    if np.ptp(values) <= _SILENCE * np.abs(values).max():
-        raise check.fail("signal", "move", f"silent: {values[0]:g} throughout")
+    largest = np.abs(values).max()
+    if np.ptp(values) <= max(_SILENCE * largest, np.finfo(np.float64).tiny / _SILENCE):
+        raise check.fail("signal", "move", f"silent: {values[0]:g} throughout, or within {np.ptp(values):.3g} of it")
     return values
 
 

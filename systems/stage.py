@@ -12,16 +12,18 @@ import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 import openmm_filament as of
 from openmm_filament.motion import Motion
 from openmm_filament.trajectory import TrajectoryWriter
-from systems.scene import Summary
+from systems.scene import Check, Summary
 
 __all__ = [
     "JOULE",
     "NEWTON",
+    "NO_PICTURES",
     "close",
     "context",
     "energy_slope",
@@ -36,6 +38,9 @@ Array = NDArray[np.float64]
 
 NEWTON = 1e-12 * unit.AVOGADRO_CONSTANT_NA.value_in_unit(unit.mole**-1)
 """One newton in kJ/mol/nm."""
+
+NO_PICTURES = 'No 3D pictures: `pip install "openmm-filament[render]"` installs what draws them.'
+"""The finding of a system where PyVista is missing."""
 
 JOULE = 1e-3 * unit.AVOGADRO_CONSTANT_NA.value_in_unit(unit.mole**-1)
 """One joule in kJ/mol."""
@@ -141,16 +146,24 @@ def write_trajectory(path: Path, model: of.Model, times: Array, positions: Array
 
 
 def close(folder: Path, summary: Summary, console: Console | None = None) -> int:
-    """Write the summary, print checks and findings; 1 if an exact check failed, else 0."""
+    """Write the summary, print checks (failures first), their count, and findings; 1 if an exact check failed, else 0."""
     console = console or Console()
     summary.write(folder)
-    for check in summary.checks:
-        verdict = "[green]passed[/]" if check.passed else ("[red]FAILED[/]" if check.kind == "exact" else "differs")
+    for check in sorted(summary.checks, key=_rank):
+        verdict = ("[red]FAILED[/]", "differs from the thesis", "[green]passed[/]")[_rank(check)]
         console.print(
-            f"{verdict} {check.name}: {check.value:.8g} for {check.expected:.8g}, error {check.error:.3g} "
+            f"{verdict} {escape(check.name)}: {check.value:.8g} for {check.expected:.8g}, error {check.error:.3g} "
             f"(at most {check.tolerance:.3g})",
             soft_wrap=True,
         )
+    failed, differing, passed = ([_rank(check) for check in summary.checks].count(rank) for rank in range(3))
+    text = f"{passed} checks passed, {differing} of the thesis's statements differ"
+    console.print(f"[red]{failed} FAILED[/], {text}" if failed else text, soft_wrap=True)
     for finding in summary.findings:
-        console.print(f"- {finding}", soft_wrap=True)
+        console.print(f"- {escape(finding)}", soft_wrap=True)
     return 0 if summary.passed else 1
+
+
+def _rank(check: Check) -> int:
+    """0 for an exact check that failed, 1 for a statement of the thesis that does not hold, 2 for what passed."""
+    return 2 if check.passed else 0 if check.kind == "exact" else 1

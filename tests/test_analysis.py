@@ -305,12 +305,46 @@ NOT_FINITE = np.where(np.arange(1000) == 7, np.nan, TONE)
         (lambda: analysis.instantaneous_pitch(TONE, 1e-3, 0.1, band=(200.0, 100.0)), "hold a multiple"),
         (lambda: analysis.instantaneous_pitch(TONE[:, None], 1e-3, 0.1), "shape"),
         (lambda: analysis.uniform_interval([0.0, 1.0, 2.1, 3.0]), "spaced by 1, but is 2.1 at index 2, 0.1 off"),
+        (lambda: analysis.instantaneous_pitch(np.full(1000, 1 / 3), 1e-3, 0.1), "vary in each window, but is constant"),
         (lambda: analysis.uniform_interval([1.0, 0.0]), "`times` must grow"),
     ],
 )
 def test_broken_input_is_refused_with_its_numbers(call: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@pytest.mark.parametrize(
+    "call", [lambda x: analysis.lines(x, 1e-3), lambda x: analysis.instantaneous_pitch(x, 1e-3, 0.1)]
+)
+def test_a_complex_signal_is_refused(call: Any) -> None:
+    with pytest.raises(TypeError, match="`signal` must be real, but is complex"):
+        call(TONE + 0j)
+
+
+def noisy_tone(noise: float, rng: np.random.Generator) -> Array:
+    """A line of 440 Hz that decays at 2/s, 1.2 s at 10 kHz, in white noise."""
+    times = np.arange(12_000) * 1e-4
+    return ringing(times, np.array([440.0]), np.array([2.0]), np.ones(1)) + noise * rng.normal(size=len(times))
+
+
+def test_a_threshold_below_the_noise_is_refused_at_once(rng: np.random.Generator) -> None:
+    begun = time.process_time()
+    with pytest.raises(ValueError, match=r"`threshold` must ask for at most 500 lines .*, but is met by 1\d\d\d peaks"):
+        analysis.lines(noisy_tone(1e-4, rng), 1e-4, threshold=1e-6)
+    assert time.process_time() - begun < 1.0
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-7, 1e-9])
+def test_peaks_of_noise_have_finite_heights_and_leave_the_line_alone(noise: float, rng: np.random.Generator) -> None:
+    """Without limits some peak of noise comes out as a line that grows by exp(700) or stands 1e7 times too high."""
+    signal = noisy_tone(noise, rng)
+    found = analysis.lines(signal, 1e-4, count=150)
+    assert np.isfinite([found.frequencies, found.decay_rates, found.amplitudes]).all()
+    k = int(np.argmax(found.amplitudes))
+    alone = analysis.lines(signal, 1e-4, count=1)
+    assert found.frequencies[k] == pytest.approx(440.0, abs=10 * noise + 1e-6)
+    assert found.amplitudes[k] == pytest.approx(alone.amplitudes[0], rel=10 * noise + 1e-6)
 
 
 def test_the_interval_of_uniform_times_is_theirs() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from argparse import Namespace
 from pathlib import Path
 from typing import Any
@@ -110,5 +111,6 @@ def test_a_recording_too_short_for_its_lines_is_refused_before_it_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stage, "context", lambda *_: pytest.fail("it ran"))
-    with pytest.raises(ValueError, match="`--seconds` must be at least 0.2"):
-        guitar_string.run(tmp_path, quick=True, seed=1, options=Namespace(seconds=0.05))
+    for seconds in (0.05, math.nan, math.inf):
+        with pytest.raises(ValueError, match=f"`--seconds` must be finite and at least 0.2, .* but is {seconds:g}"):
+            guitar_string.run(tmp_path, quick=True, seed=1, options=Namespace(seconds=seconds))

@@ -210,6 +210,7 @@ def test_the_trajectory_starts_at_the_pluck_and_keeps_its_ends(results: Path) ->
     [
         (["--seconds", "0.1"], "`seconds` must be at least 0.204 to tell apart lines 19.6 Hz"),
         (["--seconds", "-1"], "`seconds` must be positive"),
+        (["--seconds", "nan"], "`seconds` must be finite, but is nan"),
         (["--stiffness-ratio", "1"], "`ratio` must be above 1"),
         (["--stiffness-ratio", "nan"], "`ratio` must be finite"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from pathlib import Path
@@ -10,12 +11,14 @@ import numpy as np
 import pytest
 import tolerances as tol
 from openmm import unit
+from rich.console import Console
 
 import openmm_filament as of
 from systems import __main__ as command
 from systems import stage
 from systems.open_ring import judgement, static
-from systems.open_ring.ring import BEADS, BENDING, SEGMENT, ring, swing, thesis_ring
+from systems.open_ring.ring import BEADS, BENDING, SEGMENT, ring, swing, thesis_ring, turned
+from systems.scene import Check, Summary
 
 
 @pytest.mark.parametrize("gap", [True, False])
@@ -68,12 +71,18 @@ def test_a_wrong_stiffness_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_in_the_plane_there_is_no_torsion_and_energy_is_the_work_done() -> None:
     body = thesis_ring(gap=True)
     run = swing(body, 2.0, 0.0, duration=1e-3, samples=40)
-    assert run.energies["torsion"].max() == 0.0
-    assert np.abs(run.positions[..., 2]).max() == 0.0
+    general = swing(turned(body), 2.0, 0.0, duration=1e-3, samples=40)
+    assert 0.0 < general.peak_share("torsion") < judgement.rounding(general)
+    assert general.peak == pytest.approx(run.peak, rel=1e-8)
     assert run.imbalance < judgement.BALANCE
     force = 2.0 * body.opening
     parted = (run.positions[-1, 0] - run.positions[-1, -1]) - (run.positions[0, 0] - run.positions[0, -1])
     assert run.energies["work"][-1] == pytest.approx(float(force @ parted), rel=1e-9)
+
+
+def test_a_force_out_of_the_plane_by_1e_7_is_more_torsion_than_rounding() -> None:
+    run = swing(thesis_ring(gap=True), 2.0, 1e-7, duration=1e-3, samples=40)
+    assert run.peak_share("torsion") > judgement.rounding(run)
 
 
 def test_normal_forces_turn_a_ring_with_a_gap_and_only_that_one() -> None:
@@ -103,6 +112,27 @@ def test_the_energy_slope_of_a_line_is_its_slope(rng: np.random.Generator) -> No
     assert error < 1e-6
 
 
+def test_the_closing_list_puts_failures_first_and_keeps_brackets(tmp_path: Path) -> None:
+    checks = [
+        Check("fine [1/s]", "exact", 1.0, 1.0, 0.0, 0.1),
+        Check("said", "claim", 1.0, 2.0, 1.0, 0.1),
+        Check("wrong", "exact", 1.0, 2.0, 1.0, 0.1),
+    ]
+    console = Console(file=io.StringIO(), width=200)
+    summary = Summary("none", [], "Reference", 0.0, {}, checks, [stage.NO_PICTURES])
+    assert stage.close(tmp_path, summary, console) == 1
+    assert isinstance(console.file, io.StringIO)
+    lines = console.file.getvalue().splitlines()
+    starts = [
+        "FAILED wrong:",
+        "differs from the thesis said:",
+        "passed fine [1/s]:",
+        "1 FAILED, 1 checks passed, 1 of the ",
+    ]
+    assert [line.startswith(start) for line, start in zip(lines, starts, strict=False)] == [True] * 4
+    assert "openmm-filament[render]" in lines[4]
+
+
 def test_too_long_a_step_is_refused() -> None:
     with pytest.raises(ValueError, match="timestep.*stability limit"):
         swing(ring(BEADS, SEGMENT, gap=True), 1.0, 0.0, step=3.0)
@@ -121,7 +151,7 @@ def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
     }
     assert all(line.endswith(".") for line in written["findings"])
     names = {file.name for file in out.iterdir()}
-    assert {"energies.csv", "deflections.csv", "energies.png", "paths.png", "deflections.png", "trust.png"} <= names
+    assert {"energies.csv", "deflections.csv", "energies.png", "paths.png", "deflections.png", "balance.png"} <= names
     loaded = of.load(out / "trajectory.dcd")
     assert loaded.n_frames > 50
     assert loaded.time[-1] == pytest.approx((5 * unit.millisecond).value_in_unit(unit.picosecond), rel=1e-6)

@@ -115,6 +115,7 @@ NOT_FINITE = np.where(np.arange(16_000) == 7, np.nan, tone(440.0, 8e3))
         ({"speed": 1e-3}, "`interval` must be below 2.5e-05 s to sound at speed 0.001, but is 0.000125 s"),
         ({"signal": tone(3.0, 8e3)}, r"such as 147, for 440 Hz\), but is 1, which plays its strongest line at 3 Hz"),
         ({"interval": -1 * unit.second}, "`interval` must be positive"),
+        ({"signal": 1e-310 * tone(440.0, 8e3)}, "`signal` must move, but is silent"),
         ({"path": "a.mp3"}, "end in .wav, but is"),
     ],
 )

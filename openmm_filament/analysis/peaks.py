@@ -18,7 +18,7 @@ from scipy import fft
 from openmm_filament import _checks as check
 from openmm_filament.analysis.spectra import recording
 
-__all__ = ["Lines", "hann_transform", "lines", "refine"]
+__all__ = ["Lines", "hann_transform", "lines", "real", "refine"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -31,6 +31,19 @@ _THRESHOLD = 0.01
 
 _ROUNDS = 40
 """Iterations of `refine`, which stops when no line moves: 3 to 10 are usual."""
+
+_MANY, _FEWER_ROUNDS = 100, 12
+"""More lines than this are mostly noise, which never comes to rest: fewer iterations."""
+
+_HIGHEST = 10.0
+"""Height of a line over its two bins above which it is cut down to that: a line stands near the larger of them."""
+
+_MOST = 500
+"""Lines that are refined together: each leaks into every other."""
+
+_STEEPEST = (-40.0, 200.0)
+"""Growth and decay over the recording, as exponents, beyond which a place says nothing of a line and is not taken. Noise
+between two bins has any place; a real decay by exp(-200) is some 60 bins wide, and growth by exp(40) is 1e17."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +96,10 @@ def lines(
     ------
     ValueError
         If fewer lines are found than asked for; if two of `near` are closer than two resolutions, which a Hann window does
-        not part, or one lies outside (2 resolutions, half the sampling rate); if the signal is constant.
+        not part, or one lies outside (2 resolutions, half the sampling rate); if the signal is constant; if more than 500
+        peaks are asked for, as a threshold below the noise does.
+    TypeError
+        If the signal is complex.
 
     Notes
     -----
@@ -93,7 +109,7 @@ def lines(
     """
     if sum(choice is not None for choice in (count, threshold, near)) > 1:
         raise ValueError("Arguments `count`, `threshold` and `near` exclude one another, but more than one is given.")
-    values, step = recording(signal, interval)
+    values, step = recording(real(signal), interval)
     resolution = 1 / (len(values) * step)
     if not (np.ptp(values, axis=0) > 0).any():
         raise check.fail("signal", "vary in time", "constant")
@@ -109,6 +125,13 @@ def lines(
     else:
         least = _THRESHOLD if threshold is None else float(check.within("threshold", threshold, 0, 1))
         chosen = peaks[height[peaks] >= least * height[peaks].max(initial=0.0)]
+    if len(chosen) > _MOST:
+        asked = "near" if near is not None else "threshold" if count is None else "count"
+        raise check.fail(
+            asked,
+            f"ask for at most {_MOST} lines (a higher `threshold`, or a `count`, leaves out the noise)",
+            f"met by {len(chosen)} peaks",
+        )
     lower = np.where((height[chosen + 1] >= height[chosen - 1]) | (chosen == 2), chosen, chosen - 1)
     places, heights = refine(bins, lower, len(values))
     order = np.argsort(places.real)
@@ -118,6 +141,13 @@ def lines(
         heights[order].reshape(len(order), *np.shape(signal)[1:]),
         resolution,
     )
+
+
+def real(signal: ArrayLike) -> ArrayLike:
+    """The signal, or TypeError if it is complex: its imaginary part would be dropped."""
+    if np.iscomplexobj(signal):
+        raise TypeError("Argument `signal` must be real, but is complex.")
+    return signal
 
 
 def _strongest(count: int, peaks: NDArray[np.intp], height: Array, resolution: float) -> NDArray[np.intp]:
@@ -189,7 +219,9 @@ def _place(ratio: Complex, samples: int) -> Complex:
 def refine(bins: Complex, lower: NDArray[np.intp], samples: int) -> tuple[Complex, Array]:
     """Places (K,) in bins (imaginary part: decay) and heights (K, N) of lines.
 
-    `bins` is the Hann transform (F, N); line k stands between or about the bins `lower[k]` and `lower[k] + 1`.
+    `bins` is the Hann transform (F, N); line k stands between or about the bins `lower[k]` and `lower[k] + 1`. A line
+    whose two bins give no place there, or one of a growth or decay that no recording shows, keeps the place it had, at
+    first the middle between them.
     """
     pair = lower[:, None] + np.arange(2)  # (K, 2)
     seen = bins[pair]  # (K, 2, N)
@@ -197,17 +229,22 @@ def refine(bins: Complex, lower: NDArray[np.intp], samples: int) -> tuple[Comple
     tiny = np.finfo(float).tiny
     places = np.zeros(len(lower), dtype=complex)
     amplitudes = np.zeros((len(lower), bins.shape[1]), dtype=complex)
+    most = _HIGHEST * np.sqrt(np.max(np.sum(np.abs(seen) ** 2, axis=2), axis=1))
     own = np.eye(len(lower), dtype=bool)[:, None, :]
-    for round_ in range(_ROUNDS):
+    for round_ in range(_ROUNDS if len(lower) <= _MANY else _FEWER_ROUNDS):
         clean = seen - leaked
         power = np.sum(np.abs(clean[:, 0]) ** 2, axis=1)
         ratio = np.sum(clean[:, 0].conj() * clean[:, 1], axis=1) / np.maximum(power, tiny)
         with np.errstate(all="ignore"):
             u = _place(ratio, samples)
+        steep = 2 * np.pi * u.imag
         good = np.isfinite(u) & (u.real > -1) & (u.real < 2) & (power > 0)
+        good &= (steep > _STEEPEST[0]) & (steep < _STEEPEST[1])
         moved = np.where(good, lower + u, places if round_ else lower + 0.5)
         shapes = _hann(moved[:, None] - pair, samples)  # (K, 2)
         amplitudes = np.sum(shapes.conj()[:, :, None] * clean, axis=1) / np.sum(np.abs(shapes) ** 2, axis=1)[:, None]
+        height = np.linalg.norm(amplitudes * _hann(1j * moved.imag, samples)[:, None], axis=1)
+        amplitudes *= np.minimum(1.0, most / np.maximum(height, tiny))[:, None]
         still = round_ > 0 and np.abs(moved - places).max(initial=0.0) < 1e-12
         places = moved
         if still:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from openmm_filament import _checks as check
-from openmm_filament.analysis.peaks import hann_transform, refine
+from openmm_filament.analysis.peaks import hann_transform, real, refine
 from openmm_filament.analysis.spectra import recording
 
 __all__ = ["Pitch", "instantaneous_pitch"]
@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 
 _OVERLAP = 4
 """Windows that cover each moment: the Hann window is narrower than its length."""
+
+_ROUNDING = 16 * np.finfo(np.float64).eps
+"""Variation over the largest value up to which a stretch is constant: the mean of equal numbers is off by this much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +61,12 @@ def instantaneous_pitch(
     ------
     ValueError
         If the window holds fewer than 16 samples or is longer than the signal; if the band lies outside (2/window_seconds,
-        half the sampling rate), is empty, or holds no bin; if the signal is constant in a window.
+        half the sampling rate), is empty, or holds no bin; if the signal is constant in a window
+        but for rounding.
+    TypeError
+        If the signal is complex.
     """
-    values, step = recording(signal, interval)
+    values, step = recording(real(signal), interval)
     check.shape("signal", np.asarray(signal, dtype=np.float64), (None,))
     width = round(float(check.positive("window_seconds", window_seconds, unit="s")) / step)
     if not 16 <= width <= len(values):
@@ -88,7 +94,7 @@ def _strongest(values: Array, first: int, last: int) -> tuple[float, float]:
     bins = hann_transform(values)
     sizes = np.abs(bins[:, 0])
     peak = first + int(np.argmax(sizes[first : last + 1]))
-    if sizes[peak] == 0.0:
+    if sizes[peak] == 0.0 or np.ptp(values) <= _ROUNDING * np.abs(values).max():
         return float(peak), 0.0
     lower = peak if sizes[peak + 1] >= sizes[peak - 1] or peak == 2 else peak - 1
     places, heights = refine(bins, np.array([lower]), len(values))

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import time
 from pathlib import Path
 
 import numpy as np
 from openmm import unit
-from rich.console import Console
 
 from openmm_filament import rendering, sound
 from systems import stage, strings
@@ -40,10 +40,11 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     """Run both plucks and write the results into `folder`; 1 if an exact check fails, else 0."""
     del seed  # nothing is random
     begun = time.perf_counter()
-    console = Console()
     duration = (0.25 if quick else 2.1) if options.seconds is None else options.seconds
-    if duration < 0.2:
-        raise ValueError(f"Argument `--seconds` must be at least 0.2, to part the harmonics, but is {duration:g}.")
+    if not 0.2 <= duration < math.inf:
+        raise ValueError(
+            f"Argument `--seconds` must be finite and at least 0.2, to part the harmonics, but is {duration:g}."
+        )
     with stage.progress(f"pluck of 0.01 N, {duration:g} s") as show:
         recording = soft.record(duration, min(duration, 0.35), show)
     found = soft.harmonics(recording)
@@ -58,7 +59,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     figures.decay(folder / "decay.png", recording, found)
     figures.hard_pluck(folder / "hard_pluck.png", motion)
     findings = report.findings(recording, found, softness, motion)
-    findings += _pictures(folder, motion, console, quick=quick)
+    findings += _pictures(folder, motion, quick=quick)
     models = [recording.model, motion.model]
     return stage.close(
         folder,
@@ -87,7 +88,6 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             checks=report.checks(recording, found, softness, motion, heard, exact),
             findings=findings,
         ),
-        console,
     )
 
 
@@ -144,15 +144,13 @@ def _tables(folder: Path, found: soft.Harmonics, motion: hard.HardPluck) -> None
         table.writerows([f"{value:.8g}" for value in row] for row in zip(*columns, strict=True))
 
 
-def _pictures(folder: Path, motion: hard.HardPluck, console: Console, *, quick: bool) -> list[str]:
+def _pictures(folder: Path, motion: hard.HardPluck, *, quick: bool) -> list[str]:
     """The trajectory, a still and an animation; a finding where there is nothing to draw with."""
     chosen = slice(0, _FRAMES * _FRAME_STEP, _FRAME_STEP)
     frames, times = 1e9 * motion.positions[chosen], motion.times[chosen]
     stage.write_trajectory(folder / "trajectory.dcd", motion.model, times, frames)
     if not rendering.available():
-        missing = "No 3D pictures: install the extra `render` (pip install openmm-filament[render])."
-        console.print(missing)
-        return [missing]
+        return [stage.NO_PICTURES]
     rest = 1e9 * motion.positions[0]
     highest = int(np.argmax(motion.lift))
     rendering.still(

@@ -17,6 +17,10 @@ __all__ = ["checks", "findings"]
 Array = NDArray[np.float64]
 
 
+_DEPARTURE = 0.1
+"""Per cent by which the departure of line 20 may differ from the thesis's 0.2 %, which has one digit."""
+
+
 def _worst(name: str, found: Array, exact: Array, tolerance: float, numbers: NDArray[np.int64]) -> Check:
     """The largest relative error among lines."""
     error = np.abs(found / exact - 1)
@@ -106,7 +110,7 @@ def checks(
             departure,
             0.2,
             abs(departure - 0.2),
-            0.1,
+            _DEPARTURE,
         ),
         _lift(motion),
     ]
@@ -139,12 +143,13 @@ def _departure(found: soft.Harmonics) -> list[str]:
     simulated = found.frequencies[n - 1, 0] / (n * found.frequencies[0, 0]) - 1
     beads = strings.discrete_law(n, soft.SEGMENTS) / strings.stiff_law(n) - 1
     # (2.11) is 0.2 % above n f1 where n^2 e - e = 1.002^2 (1 + e) - 1 with e the factor at n = 1
+    holds = "holds" if abs(100 * simulated - 0.2) <= _DEPARTURE else "does not hold"
     wanted = (1.002**2 - 1) / (n**2 - 1.002**2) * n**2 / factor
     flexible = n * math.pi / (2 * soft.SEGMENTS)
     thin, thick = 1e3 * strings.RADIUS * wanted**0.25, factor / 16
     half = math.sqrt((1 + thick) / (1 + thick / n**2)) - 1
     return [
-        f"The thesis's 0.2 % at n = {n} does not hold for its string: line {n} stands {100 * simulated:.2f} % above {n} f1 as "
+        f"The thesis's 0.2 % at n = {n} {holds} for its string: line {n} stands {100 * simulated:.2f} % above {n} f1 as "
         f"simulated, {100 * discrete:.2f} % in the exact discrete string and {100 * law:.2f} % by (2.11).",
         f"Discreteness takes {-100 * beads:.2f} % of the frequency of line {n}; without bending it alone would put the line "
         f"{100 * (1 - math.sin(flexible) / flexible):.2f} % below {n} f1.",
@@ -164,16 +169,16 @@ def _soft(recording: soft.Recording, found: soft.Harmonics, softness: soft.Softn
     ratio = found.amplitudes / found.amplitudes[0]
     seen = np.abs(found.frequencies[:, 1] / found.frequencies[:, 0] - 1)
     return [
-        f"Lines 1 to 20 stand within {error.max():.1e} of the exact discrete string, as the square of the time step of "
-        f"{1e6 * recording.timestep:.2f} us has it, and decay in {1e3 * times.min():.2f} to {1e3 * times.max():.2f} ms "
+        f"Lines 1 to 20 stand within {error.max():.1e} of the exact discrete string, with a time step of "
+        f"{1e6 * recording.timestep:.2f} us, and decay in {1e3 * times.min():.2f} to {1e3 * times.max():.2f} ms "
         f"(2/gamma = {2e3 / strings.DAMPING:.2f} ms).",
         f"Plucked at bead 10 instead of 50, line 10 over line 1 is {ratio[9, 1]:.4f} instead of {ratio[9, 0]:.4f}, at "
         f"frequencies of lines 1 to 19 that differ by at most {seen[:-1].max():.1e}.",
         f"Line 20 has a node near both plucked beads, {ratio[19, 0]:.1e} and {ratio[19, 1]:.1e} of line 1, and "
-        f"is told {seen[19]:.1e} apart by the two plucks, through the rounding of angles near straight.",
+        f"is told {seen[19]:.1e} apart by the two plucks.",
         f"With bonds {strings.SOFTER:.0f} times softer at the same tension no bead's displacement differs by more than "
-        f"{softness.difference:.1e} of the largest in the first {1e3 * softness.seconds:.0f} ms (the time step is eight times as "
-        f"long, too), and no transverse frequency by more than {_apart(softness):.1e}.",
+        f"{softness.difference:.1e} of the largest in the first {1e3 * softness.seconds:.0f} ms (the time step is "
+        f"{math.sqrt(strings.SOFTER):.0f} times as long, too), and no transverse frequency by more than {_apart(softness):.1e}.",
         f"A second of motion of the 200-bead string takes {softness.wall_soft:.1f} s of wall time with softer bonds "
         f"({recording.processor_seconds:.1f} s of processor time; {strings.RATE} samples a second) "
         f"and {softness.wall_true:.1f} s with the true ones.",

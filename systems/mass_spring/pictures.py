@@ -44,9 +44,7 @@ def show(folder: Path, chain: Chain, *, quick: bool = False) -> list[str]:
         f"{times[-1] * 1e3:.1f} ms; an amplitude to be seen, at which the lines are no longer those of the table."
     ]
     if not of.rendering.available():
-        text = "No 3D pictures: install the extra `render` of this package, as its README says."
-        print(text)
-        return [*said, text]
+        return [*said, stage.NO_PICTURES]
     title = f"{chain.masses} masses on a stretched chain of {LENGTH * 1e3:.0f} mm, plucked at the third"
     radius = _RADIUS * unit.meter
     beads = np.full(chain.masses + 2, 2.5 * _RADIUS) * unit.meter

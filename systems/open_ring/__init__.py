@@ -22,7 +22,20 @@ import openmm_filament as of
 from systems import stage
 from systems.open_ring import figures, judgement, pictures, static
 from systems.open_ring.figures import ANGLES, SHAPES
-from systems.open_ring.ring import BEADS, DENSITY, PARTS, RADIUS, SEGMENT, SHEAR, YOUNG, Ring, Swing, swing, thesis_ring
+from systems.open_ring.ring import (
+    BEADS,
+    DENSITY,
+    PARTS,
+    RADIUS,
+    SEGMENT,
+    SHEAR,
+    YOUNG,
+    Ring,
+    Swing,
+    swing,
+    thesis_ring,
+    turned,
+)
 from systems.scene import Summary
 
 __all__ = ["force_for", "options", "run"]
@@ -58,6 +71,9 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             for phi in ANGLES:
                 runs[gap, phi] = swing(body, forces[gap], phi, samples=samples, step=step)
                 report(len(runs) / 20)
+        general = {
+            gap: swing(turned(body), forces[gap], 0.0, samples=samples, step=step) for gap, body in bodies.items()
+        }
         balance = [
             (f, swing(bodies[True], forces[True], math.pi / 4, samples=samples, step=f).imbalance)
             for f in (0.4, 0.2, 0.1)
@@ -80,14 +96,14 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             hess[name][beads] = value
     gap_sizes = {n: static.from_statics(static.of_size(n, gap=True), "tangential") for n in SIZES}
     checks = [
-        *judgement.motion_checks(runs, balance, shares, drift),
+        *judgement.motion_checks(runs, general, balance, shares, drift),
         *judgement.linear_checks(bodies[False], 1e-4 * forces[False]),
         *judgement.static_checks(closed, hess, relaxed),
     ]
     figures.energies(folder / "energies.png", runs)
     figures.paths(folder / "paths.png", runs)
     figures.deflections(folder / "deflections.png", closed, hess, relaxed, gap_sizes)
-    figures.trust(folder / "trust.png", balance, shares, drift)
+    figures.balance(folder / "balance.png", balance, shares, drift)
     _tables(folder, runs, closed, hess, relaxed)
     for (gap, phi), one in runs.items():
         if gap and phi >= 0:
@@ -95,7 +111,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             name = "trajectory" if phi == math.pi / 4 else f"trajectory_{math.degrees(phi):.0f}deg"
             stage.write_trajectory(folder / f"{name}.dcd", one.model, one.times[frames], 1e9 * one.positions[frames])
     findings = [
-        *judgement.findings(runs, forces, balance, shares, drift, gap_sizes),
+        *judgement.findings(runs, general, forces, balance, shares, drift, gap_sizes),
         *pictures.draw(folder, runs, quick=quick),
     ]
     summary = Summary(

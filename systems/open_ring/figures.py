@@ -1,4 +1,4 @@
-"""Figures of the open ring: energies and bead paths of its motion, deflections, and how far the run can be trusted."""
+"""Figures of the open ring: energies and bead paths of its motion, deflections, and how well its energy balances."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from systems.open_ring.ring import Swing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["ANGLES", "LARGER", "SHAPES", "deflections", "energies", "paths", "trust"]
+__all__ = ["ANGLES", "LARGER", "SHAPES", "balance", "deflections", "energies", "paths"]
 
 ANGLES: dict[float, str] = {
     0.0: "0",
@@ -93,10 +93,15 @@ def paths(path: Path, runs: Mapping[tuple[bool, float], Swing]) -> None:
             for end in (0, -1):
                 push = (1 if end == 0 else -1) * _direction(run)
                 ax.quiver(*x[0, end], *(9 * push), color="C3", lw=1.8, arrow_length_ratio=0.3)
-            _even(ax, x)
-            drawn = "" if larger == 1 else f",\ndrawn with {larger} times the displacement"
+            _even(ax, x, ticks=larger == 1)
+            drawn = "" if larger == 1 else f",\ndrawn with {larger} times the displacement (no scale)"
             ax.set_title(f"φ = {ANGLES[phi]}, {SHAPES[gap]}{drawn}", fontsize=10)
-    figure.suptitle("Paths of the 13 beads over 5 ms (grey: at rest; black: after 5 ms; red: the forces; mm)")
+    figure.suptitle(
+        "Paths of the 13 beads over 5 ms (grey: at rest; black: after 5 ms; red: the forces; scales in mm)\n"
+        "φ: angle of the forces from the tangent at the cut towards the normal of the plane;\n"
+        "gap of one segment: at rest the two ends are 10 mm apart, as any two neighbours; else they meet",
+        fontsize=11,
+    )
     figure.savefig(path, dpi=100)
 
 
@@ -111,15 +116,17 @@ def _colour(fraction: float) -> Any:
     return colormaps["viridis"](fraction)
 
 
-def _even(ax: Any, x: Any) -> None:
-    """One scale for the three axes."""
+def _even(ax: Any, x: Any, *, ticks: bool) -> None:
+    """One scale for the three axes; numbers only where the displacement is drawn as it is."""
     middle, half = (x.max(axis=(0, 1)) + x.min(axis=(0, 1))) / 2, np.ptp(x, axis=(0, 1)).max() / 2
     ax.set(**{f"{axis}lim": (m - half, m + half) for axis, m in zip("xyz", middle, strict=True)})
     ax.set_box_aspect((1, 1, 1), zoom=1.12)
     ax.view_init(elev=28, azim=-38)
     ax.tick_params(labelsize=7, pad=-2)
     for axis in "xyz":
-        getattr(ax, f"set_{axis}label")(axis, labelpad=-6)
+        getattr(ax, f"set_{axis}label")(f"{axis} (mm)" if ticks else axis, labelpad=-6)
+        if not ticks:
+            getattr(ax, f"set_{axis}ticklabels")([])
 
 
 def deflections(
@@ -161,9 +168,9 @@ def deflections(
     figure.savefig(path, dpi=100)
 
 
-def trust(
+def balance(
     path: Path,
-    balance: Sequence[tuple[float, float]],
+    imbalance: Sequence[tuple[float, float]],
     shares: Mapping[bool, Sequence[tuple[float, float]]],
     drift: tuple[Any, Any, float, float],
 ) -> None:
@@ -172,12 +179,13 @@ def trust(
 
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
-    step, error = np.array(balance).T
+    step, error = np.array(imbalance).T
     left.loglog(step, error, "o-", color="C0", label="measured")
     left.loglog(step, error[-1] * (step / step[-1]) ** 2, "k:", label="second order")
     left.set(
-        xlabel="time step (stability limits)", ylabel="largest imbalance over peak energy",
-        title="Work of the loads = kinetic + internal", xticks=step, xticklabels=[f"{s:.3g}" for s in step],
+        xlabel="time step (stability limits)", ylabel="largest difference over peak internal energy",
+        title="Ring with a gap of one segment, φ = π/4:\nwork of the forces less kinetic and internal energy",
+        xticks=step, xticklabels=[f"{s:.3g}" for s in step],
         ylim=(error.min() / 3, error.max() * 3),
     )  # fmt: skip
     _loaded(middle, shares)
@@ -186,7 +194,8 @@ def trust(
     right.axhline(0, color="k", lw=0.8)
     right.set(
         xlabel="steps (millions)", ylabel="energy / mean - 1 (millionths)",
-        title=f"Free ring, small amplitude: energy slope\n({1e9 * slope:+.1f} ± {1e9 * slope_error:.1f})·10⁻⁹ per 10⁶ steps",
+        title=f"Free ring, four modes: slope of its energy\n"
+        f"({1e9 * slope:+.1f} ± {1e9 * slope_error:.1f})·10⁻⁹ per 10⁶ steps",
     )  # fmt: skip
     for ax in (left, middle):
         ax.minorticks_off()
@@ -201,4 +210,8 @@ def _loaded(ax: Axes, shares: Mapping[bool, Sequence[tuple[float, float]]]) -> N
         load, share = np.array(points).T
         ax.loglog(load, share, "o-" if gap else "s-", color="C0" if gap else "C2", label=SHAPES[gap])
         ax.loglog(load, share[-1] * (load / load[-1]) ** 2, "k:", label="second order" if gap else None)
-    ax.set(xlabel="force (N)", ylabel="share of bending in the internal energy", title="Forces normal to the plane")
+    ax.set(
+        xlabel="force (N)",
+        ylabel="bending over internal energy",
+        title="Forces normal to the plane (φ = π/2):\nshare of bending, mean over 5 ms",
+    )

@@ -10,6 +10,7 @@ import numpy as np
 from openmm import unit
 
 import openmm_filament as of
+from systems import stage
 from systems.open_ring.figures import LARGER
 from systems.open_ring.ring import RADIUS, Swing
 
@@ -22,9 +23,7 @@ _APART = 0.065
 def draw(folder: Path, runs: Mapping[tuple[bool, float], Swing], *, quick: bool) -> list[str]:
     """A still and an animation of rings whose ends meet, phi = 0, pi/4, pi/2 side by side; a finding where nothing can draw."""
     if not of.rendering.available():
-        text = "No 3D pictures: install the extra `render` (pip install openmm_filament[render])."
-        print(text)
-        return [text]
+        return [stage.NO_PICTURES]
     shown = [runs[False, phi] for phi in (0.0, math.pi / 4, math.pi / 2)]
     half = len(shown[0].times) // 2
     frames = slice(0, half + 1, max(1, half // (25 if quick else 125)))

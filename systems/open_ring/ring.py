@@ -8,11 +8,12 @@ are a couple, which swings the free ring round.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from openmm import unit
+from scipy.spatial.transform import Rotation
 
 import openmm_filament as of
 from openmm_filament.geometry import bending_angles, chain_indices
@@ -35,6 +36,7 @@ __all__ = [
     "ring",
     "swing",
     "thesis_ring",
+    "turned",
 ]
 
 Array = NDArray[np.float64]
@@ -151,6 +153,16 @@ def ring(beads: int, segment: float, *, gap: bool, damping: float | None = None)
 def thesis_ring(*, gap: bool) -> Ring:
     """13 beads with segments of 10 mm."""
     return ring(BEADS, SEGMENT, gap=gap)
+
+
+def turned(body: Ring) -> Ring:
+    """The ring in a plane in which no bead has a coordinate that stays zero, for motion in that plane (phi = 0).
+
+    At z = 0 torsion vanishes bit by bit, whatever the terms do.
+    """
+    turn = Rotation.from_rotvec([0.5, 0.8, -0.3]).as_matrix().T
+    positions = body.positions @ turn
+    return Ring(replace(body.filament, rest=positions * unit.meter), positions, body.opening @ turn, body.segment)
 
 
 def loaded(body: Ring, force: Array) -> of.Model:

@@ -29,6 +29,8 @@ __all__ = ["options", "run"]
 
 _FRAMES = 160
 _EXAGGERATE = 1000.0
+_HARMONIC = 0.01
+"""How far the ratio of two pitches may be from a whole number for harmonics."""
 
 
 def options(parser: argparse._ArgumentGroup) -> None:
@@ -203,22 +205,24 @@ def _findings(runs: Sequence[Playing]) -> list[str]:
     first, second, third = (float(b.frequencies[k]) for k in loud[:3])
     part = 100 * b.strengths / b.strengths.max()
     top = plain[-1]
+    ratio = max(second / first, first / second)
+    harmonic = abs(ratio - round(ratio)) <= _HARMONIC
+    falling = bool((np.diff(c.decay_rates) <= 0).all())
     stay = np.abs(a.modes.undamped[1:LINES:2] / plain[1::2] - 1).max()
     more = [int((run.modes.undamped <= top * (1 + 1e-9)).sum()) for run in (a, b)]
     shown = [int((run.strengths > 1e-4 * run.strengths.max()).sum()) for run in (a, b)]
     return [
         f"(a) The even harmonics stay within {stay:.0e}; the odd ones fall, the first from {plain[0]:.2f} to "
         f"{a.modes.undamped[0]:.2f} Hz, the third from {plain[2]:.2f} to {a.modes.undamped[2]:.2f} Hz.",
-        f"Up to {top:.0f} Hz the plain string has {LINES} lines, (a) {more[0]} and (b) {more[1]}: loads move lines and hardly add "
-        f"any, but above 1e-4 of the strongest the sound of (a) shows {shown[0]} of its first {LINES} and that of (b) {shown[1]}, "
-        "whose modes have no symmetry.",
-        f"(b) The two pitches heard are its two strongest lines, {first:.2f} and {second:.2f} Hz, {second / first:.3f} to 1 and so "
-        f"no harmonics of one note; the second has {part[loud[1]]:.1f} % of the first's amplitude, the next ({third:.1f} Hz) "
+        f"Up to {top:.0f} Hz the plain string has {LINES} lines, (a) {more[0]} and (b) {more[1]}; "
+        f"above 1e-4 of the strongest the sound of (a) shows {shown[0]} of its first {LINES} and that of (b) {shown[1]}.",
+        f"(b) The two pitches heard are its two strongest lines, {first:.2f} and {second:.2f} Hz, {second / first:.3f} to 1, which "
+        f"{'are' if harmonic else 'are not'} a fundamental and a harmonic of it; the second has "
+        f"{part[loud[1]]:.1f} % of the first's amplitude, the next ({third:.1f} Hz) "
         f"{part[loud[2]]:.1f} %.",
         f"(c) With the heavy beads damped at {c.case.damping:.0f}/s lines 1 to 5 decay at {c.decay_rates[:5].mean():.2f}/s "
         f"on average and the last five of {LINES} at {c.decay_rates[-5:].mean():.2f}/s; from {c.decay_rates.max():.2f} to "
-        f"{c.decay_rates.min():.2f}/s it is a trend, not a rule from line to line: what counts is how much a mode moves the "
-        "heavy beads.",
+        f"{c.decay_rates.min():.2f}/s they {'fall' if falling else 'do not fall'} from every line to the next.",
         f"(c) In 2 s of sound its strongest line is {_strongest(c):.1f} Hz, where that of (b) is {_strongest(b):.1f} Hz.",
     ]
 
@@ -234,7 +238,7 @@ def _pictures(folder: Path, run: Playing, *, quick: bool) -> list[str]:
     times = np.arange(len(frames)) * every / run.rate
     stage.write_trajectory(folder / "trajectory.dcd", run.model, times, frames)
     if not rendering.available():
-        return ["No 3D pictures: install the extra `render` (pip install openmm-filament[render])."]
+        return [stage.NO_PICTURES]
     radius = strings.RADIUS * unit.meter
     beads = np.full(segments + 1, 1.6 * strings.RADIUS)
     beads[run.case.heavy(segments)] *= 40 ** (1 / 3)

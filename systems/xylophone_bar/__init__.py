@@ -207,9 +207,7 @@ def _table(
 def _pictures(folder: Path, one: judgement.Struck, *, quick: bool) -> list[str]:
     """A still and an animation of the free bar; a finding where nothing can draw."""
     if not of.rendering.available():
-        text = "No 3D pictures: install the extra `render` (pip install openmm_filament[render])."
-        print(text)
-        return [text]
+        return [stage.NO_PICTURES]
     rest = one.ring.model.to_physical(one.ring.model.positions, "length")
     count = round(2 / one.frequencies[0] / INTERVAL)
     frames = slice(0, count + 1, max(1, count // (16 if quick else 125)))
