@@ -199,9 +199,7 @@ class _Problem:
         model, left = self.model, most
         while 0 < share < _HALF and left > 0:
             share *= 2
-            found, steps = relaxed(
-                self.whole(x), model.interactions, share * model.pulls, most=left, tolerance=_COARSE
-            )
+            found, steps = relaxed(self.whole(x), model.interactions, share * model.pulls, most=left, tolerance=_COARSE)
             x, left = found[self.free], left - steps
         return x, left
 

@@ -8,6 +8,7 @@ import numpy as np
 from openmm import unit
 
 import openmm_filament as of
+from systems import stage
 from systems.helix_force_extension import coil
 
 __all__ = ["curves", "pictures"]
@@ -46,7 +47,7 @@ def curves(path: Path, found: list[coil.Curve]) -> None:
 def pictures(folder: Path, curve: coil.Curve) -> list[str]:
     """The helix drawn out, as a still and a film; a finding where it cannot be drawn."""
     if not of.rendering.available():
-        return ['No pictures: `pip install "openmm-filament[render]"` draws the helix in 3D.']
+        return [stage.NO_PICTURES]
     points = curve.converged
     shapes = np.array([p.positions for p in points]) * unit.nanometer
     radius = coil.WIRE * unit.meter
