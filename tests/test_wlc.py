@@ -677,3 +677,23 @@ def test_no_extension_takes_no_force() -> None:
     chain = {"segments": 5, "bond_length": 1.0, "bending": 10.0, "kT": 4.0}
     assert wlc.force_discrete(0.0, **chain) == 0.0
     np.testing.assert_array_equal(wlc.force_discrete([0.0, 0.0], **chain), [0.0, 0.0])
+
+
+def test_an_extension_that_asks_for_too_strong_a_force_is_refused() -> None:
+    with pytest.raises(
+        ValueError, match="`force`, or the one that the extension asks for, must keep F l_p/kT below 1e"
+    ):
+        wlc.force_exact(1000 - 1e-7, 53.0, 1000.0, 4.114)
+
+
+def test_the_force_on_a_chain_of_soft_bonds_is_found_beyond_its_contour() -> None:
+    chain = {
+        "segments": 2,
+        "bond_length": 1.0,
+        "bending": 0.283,
+        "kT": 1.0,
+        "stretching": 3.16,
+        "bending_form": "cosine",
+    }
+    z = wlc.extension_discrete(9.7, **chain)
+    assert wlc.force_discrete(z, **chain) == pytest.approx(9.7, rel=1e-8)

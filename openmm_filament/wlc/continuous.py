@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 __all__ = ["extension_exact", "force_exact"]
 
 
+_STRONGEST = 1e10
+"""Reduced force up to which the harmonics, 10 times its fourth root, make a matrix of reasonable size."""
+
+
 def _exact_fraction(f: float, softness: float, length: float, dimension: int) -> float:
     """`z/L` at the reduced force f, softness = kT/(S l_p), length = L/l_p (infinite: the ground state alone).
 
@@ -25,6 +29,10 @@ def _exact_fraction(f: float, softness: float, length: float, dimension: int) ->
     and cos tridiagonal. Messages of width `g^(-1/4)`, `g = f + softness f^2`, reach the harmonics up to about
     `8.6 g^(1/4)`.
     """
+    if f + softness * f**2 > _STRONGEST:
+        raise ValueError(
+            f"Argument `force`, or the one that the extension asks for, must keep F l_p/kT below {_STRONGEST:g}, but is {f:.6g}."
+        )
     size = 24 + math.ceil(10 * (f + softness * f**2) ** 0.25)
     n = np.arange(size + 2.0)
     if dimension == 3:

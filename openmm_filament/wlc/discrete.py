@@ -193,6 +193,6 @@ def force_discrete(
         return scalar_or_array(np.zeros_like(values))
     if chain.stretching is None:
         check_below_contour(values, chain.contour_length)
-    fraction = np.minimum(values / chain.contour_length, 0.999)
+    fraction = np.minimum(values / chain.contour_length, 0.9)
     guess = chain.kT / chain.bond_length * fraction / (1 - fraction)  # that of free joints, within a factor
     return scalar_or_array(invert(lambda f: _extension(f, chain), values, guess))
