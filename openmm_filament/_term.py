@@ -95,9 +95,12 @@ class Interaction:
 
     def forces(self, positions: Array) -> Array:
         """Forces (N, 3) on all beads."""
-        gradient = self.term.gradient(positions[self.beads], self.parameters)
+        return self.summed(-self.term.gradient(positions[self.beads], self.parameters), len(positions))
+
+    def summed(self, vectors: Array, count: int) -> Array:
+        """Vectors (M, span, 3) of the elements' beads, summed by bead: (count, 3)."""
         flat = self.beads.ravel()
-        columns = [np.bincount(flat, -gradient[..., k].ravel(), len(positions)) for k in range(3)]
+        columns = [np.bincount(flat, vectors[..., k].ravel(), count) for k in range(3)]
         return np.stack(columns, axis=-1).astype(np.float64, copy=False)
 
     def stored_energy(self, length: float) -> float:

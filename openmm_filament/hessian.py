@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from openmm_filament._term import Interaction
 from openmm_filament.model import Model
 
-__all__ = ["free_degrees", "hessian", "product"]
+__all__ = ["free_degrees", "hessian", "product", "unpivoted"]
 
 Array = NDArray[np.float64]
 
@@ -36,13 +37,11 @@ def hessian(model: Model, positions: Array) -> Any:
 
 def product(model: Model, positions: Array, direction: Array) -> Array:
     """The Hessian times a displacement (N, 3), exact to rounding, without the matrix; internal units."""
-    total = np.zeros_like(positions)
+    total: Array = np.zeros_like(positions)
     moved = positions + 1j * _STEP * direction
     for interaction in model.interactions:
         slopes = np.imag(interaction.term.gradient(moved[interaction.beads], interaction.parameters)) / _STEP
-        flat = interaction.beads.ravel()
-        for axis in range(3):
-            total[:, axis] += np.bincount(flat, slopes[..., axis].ravel(), len(positions))
+        total += interaction.summed(slopes, len(positions))
     return total
 
 
@@ -68,3 +67,14 @@ def free_degrees(model: Model) -> NDArray[np.bool_]:
     if model.planar:
         free[:, 2] = False
     return free
+
+
+def unpivoted(matrix: Any) -> Any:
+    """LU factors (`scipy.sparse.linalg.SuperLU`) of a banded symmetric matrix without pivoting, None where it is singular.
+
+    All pivots are positive just where the matrix is positive definite.
+    """
+    try:
+        return splu(matrix.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:
+        return None

@@ -171,11 +171,7 @@ def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.I
         If a damping rate is so large that `(omega dt)^2 + 2 gamma dt >= 4`, where the step is unstable.
     """
     dt = _step(model, timestep, _MECHANICAL_STEP)
-    rates = [
-        np.zeros(len(filament)) if filament.damping is None else units.numbers("damping", filament.damping, "rate")
-        for filament in model.filaments
-    ]
-    gamma = np.concatenate(rates) / model.scale.factor("rate")
+    gamma = model.damping
     worst = int(np.argmax(gamma))
     swing = highest_frequency(model, internal_positions(model)) * dt
     if gamma[worst] and swing**2 + 2 * gamma[worst] * dt >= 4:

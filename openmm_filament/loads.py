@@ -12,7 +12,7 @@ from openmm import unit
 
 from openmm_filament import _checks as check
 from openmm_filament import units
-from openmm_filament._term import Interaction
+from openmm_filament._term import Interaction, read_off
 from openmm_filament.geometry import segments
 
 __all__ = ["Hold", "Load", "Loads", "Plane", "Pluck", "Pull", "Tension", "resolve"]
@@ -194,9 +194,7 @@ class Loads:
                 f"Argument `tension` must be below k b = {most:.6g} kJ/mol/nm, at which segment {i} has no rest length, but "
                 f"is {self.tension:.6g} kJ/mol/nm."
             )
-        # segments of one length to rounding keep one rest length
-        r0 = np.full_like(r0, np.median(r0)) if np.ptp(r0) <= 64 * np.finfo(float).eps * np.abs(rest).max() else r0
-        tight = replace(stretched[0], parameters={**stretched[0].parameters, "r0": r0})
+        tight = replace(stretched[0], parameters={**stretched[0].parameters, "r0": read_off(r0, rest)})
         return [tight if i is stretched[0] else i for i in interactions]
 
 

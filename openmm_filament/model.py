@@ -95,6 +95,15 @@ class Model:
         return np.concatenate(physical) / self.scale.factor("mass")
 
     @cached_property
+    def damping(self) -> Array:
+        """Damping rates (N,) of the beads in internal units, zero where a filament has none."""
+        physical = [
+            np.zeros(len(filament)) if filament.damping is None else units.numbers("damping", filament.damping, "rate")
+            for filament in self.filaments
+        ]
+        return np.concatenate(physical) / self.scale.factor("rate")
+
+    @cached_property
     def pulls(self) -> Array:
         """Constant external forces (N, 3) on the beads in internal units."""
         return self._external("pulls")

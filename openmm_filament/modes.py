@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from openmm import unit
 from scipy import linalg, sparse
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from openmm_filament import _checks as check
-from openmm_filament import units
 from openmm_filament.evaluation import internal_positions
-from openmm_filament.hessian import free_degrees, hessian
+from openmm_filament.hessian import free_degrees, hessian, unpivoted
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
@@ -136,11 +135,7 @@ def damped_modes(model: Model, *, positions: unit.Quantity | None = None) -> Dam
         raise ValueError(
             f"Argument `model` must have at most {_DENSE // 2} free coordinates for its damped modes, but has {size}."
         )
-    rates = [
-        np.zeros(len(filament)) if filament.damping is None else units.numbers("damping", filament.damping, "rate")
-        for filament in model.filaments
-    ]
-    gamma = np.broadcast_to((np.concatenate(rates) / model.scale.factor("rate"))[:, None], free.shape)[free]
+    gamma = np.broadcast_to(model.damping[:, None], free.shape)[free]
     state = np.block([[np.zeros((size, size)), np.eye(size)], [-matrix.toarray(), -np.diag(gamma)]])
     values, vectors = linalg.eig(state)
     still = np.abs(values) < _STILL * np.abs(values).max()  # rigid motions, each a pair about zero
@@ -181,11 +176,11 @@ def _largest(model: Model, positions: Any) -> float:
 def _lowest(matrix: Any, count: int, top: float) -> tuple[Array, Array]:
     """The lowest eigenvalues by inverse iteration: about zero, or just below where rigid motions make that singular."""
     start = _start(matrix.shape[0])
-    factors = _factors(matrix)
+    factors = unpivoted(matrix)
     shift = 0.0
     if factors is None or factors.U.diagonal().min() <= 1e-15 * top:
         shift = -_SHIFT * top
-        factors = _factors(matrix - shift * sparse.eye_array(matrix.shape[0]))
+        factors = unpivoted(matrix - shift * sparse.eye_array(matrix.shape[0]))
         if factors is None:
             raise ValueError(
                 "Argument `positions` must be near a minimum of the energy for so long a chain, but are not."
@@ -203,14 +198,6 @@ def _lowest(matrix: Any, count: int, top: float) -> tuple[Array, Array]:
     return squared, vectors
 
 
-def _factors(matrix: Any) -> Any:
-    """LU factors without pivoting, or None where the matrix is singular."""
-    try:
-        return splu(matrix.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:
-        return None
-
-
 def _highest(matrix: Any, count: int, top: float) -> tuple[Array, Array]:
     """The largest eigenvalues, from the largest to a per cent: a long chain crowds its modes there.
 
@@ -221,7 +208,7 @@ def _highest(matrix: Any, count: int, top: float) -> tuple[Array, Array]:
     vector, gap = _start(size), _NEAR
     while True:
         shift = top * (1 + gap)
-        factors = _factors(matrix - shift * sparse.eye_array(size))
+        factors = unpivoted(matrix - shift * sparse.eye_array(size))
         if factors is None or (factors.U.diagonal() > 0).any():
             gap *= 2
             continue

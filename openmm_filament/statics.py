@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from openmm import unit
 from scipy import linalg, sparse
-from scipy.sparse.linalg import eigsh, splu
+from scipy.sparse.linalg import eigsh
 
 from openmm_filament import _checks as check
 from openmm_filament.articulated import relaxed
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.filament import COLLINEAR, sines
 from openmm_filament.geometry import dot
-from openmm_filament.hessian import free_degrees, hessian
+from openmm_filament.hessian import free_degrees, hessian, unpivoted
 from openmm_filament.model import Model
 
 __all__ = ["Equilibrium", "equilibrium"]
@@ -403,12 +403,8 @@ def _turned(before: Array, after: Array, held: list[int]) -> Array:
 
 def _solve(matrix: Any, shift: float, force: Array) -> Array | None:
     """(H + shift)^-1 f, or None where the shifted Hessian is not positive definite."""
-    shifted = (matrix + shift * sparse.eye_array(matrix.shape[0])).tocsc() if shift else matrix
-    try:
-        factors = splu(shifted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:  # exactly singular
-        return None
-    if (factors.U.diagonal() <= 0).any() or (factors.perm_r != np.arange(len(force))).any():
+    factors = unpivoted(matrix + shift * sparse.eye_array(matrix.shape[0]) if shift else matrix)
+    if factors is None or (factors.U.diagonal() <= 0).any() or (factors.perm_r != np.arange(len(force))).any():
         return None
     step: Array = factors.solve(force)
     return step if np.isfinite(step).all() else None
