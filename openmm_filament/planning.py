@@ -1,0 +1,130 @@
+"""What to run at each force of a curve: the chain, its time step and friction, and how often to take a sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from openmm import unit
+
+from openmm_filament import units
+from openmm_filament.blocks import Block, clamped_model
+from openmm_filament.discretisation import PN, choose
+from openmm_filament.filament import Filament
+from openmm_filament.integrators import FRICTION, thermal_step
+from openmm_filament.model import Model
+from openmm_filament.rods import WormlikeChain
+from openmm_filament.timestep import slow_frequency
+
+__all__ = ["GROUPS", "REPLICAS", "Plan", "plan_curve"]
+
+Array = NDArray[np.float64]
+
+GROUPS = 4
+"""Independent runs a force, so that several processes can share one force."""
+
+REPLICAS = 2
+"""Chains in the System of each run."""
+
+_SAMPLE_TIME, _WARM_UP_TIME = 0.2, 2.5
+"""Between samples, and before the first: times over 1/omega of the slowest mode."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What to run at one force.
+
+    The force in pN, the wanted error and the part of it that is bias; the chain as a model of one replica; `timestep`
+    in ps and `friction` in 1/ps; samples are taken every `stride` steps after `warm_up` steps.
+    """
+
+    force: float
+    relative_error: float
+    bias: float
+    filament: Filament
+    model: Model
+    timestep: float
+    friction: float
+    stride: int
+    warm_up: int
+
+    def block(self, seed: int, kelvin: float, dimension: int, platform: str, *, keep_frames: bool) -> Block:
+        """The run of a group of replicas, before its first sample."""
+        return Block(
+            filament=self.filament,
+            force=self.force * PN,
+            temperature=kelvin,
+            dimension=dimension,
+            replicas=REPLICAS,
+            seed=seed,
+            timestep=self.timestep,
+            friction=self.friction,
+            stride=self.stride,
+            samples=0,
+            warm_up=self.warm_up,
+            platform=platform,
+            keep_frames=keep_frames,
+        )
+
+
+def plan_curve(
+    chain: WormlikeChain | Filament,
+    forces: Array,
+    kelvin: float,
+    wanted: Array,
+    dimension: int,
+    timestep: unit.Quantity | None,
+) -> list[Plan]:
+    """A plan for each of the forces (M,) in pN to its wanted relative error (M,)."""
+    temperature = kelvin * unit.kelvin
+    if isinstance(chain, WormlikeChain):
+        if dimension != 3:
+            raise ValueError("Argument `dimension` must be 3 for a WormlikeChain, but is 2: pass a Filament.")
+        chosen = choose(chain, forces, temperature, wanted)
+    elif isinstance(chain, Filament):
+        if chain.closed or len(chain) < 2:
+            raise ValueError("Argument `chain` must be an open filament of two beads or more to be pulled.")
+        chosen = [(chain if dimension == 3 else _laid_flat(chain), 0.0)] * len(forces)
+    else:
+        raise TypeError(f"Argument `chain` must be a WormlikeChain or a Filament, but is {chain!r}.")
+    plans = []
+    for (filament, bias), force, error in zip(chosen, forces, wanted, strict=True):
+        model = clamped_model(filament, force * PN, dimension, 1)
+        rate = slow_frequency(model, kelvin / model.scale.factor("temperature"))
+        dt = thermal_step(model, kelvin, timestep)
+        to_ps = model.scale.factor("time")
+        plans.append(
+            Plan(
+                force=float(force),
+                relative_error=float(error),
+                bias=bias,
+                filament=filament,
+                model=model,
+                timestep=dt * to_ps,
+                friction=FRICTION * rate / to_ps,
+                stride=max(1, round(_SAMPLE_TIME / rate / dt)),
+                warm_up=round(_WARM_UP_TIME / rate / dt),
+            )
+        )
+    return plans
+
+
+def _laid_flat(chain: Filament) -> Filament:
+    """The filament with its rest shape turned into the xy plane, the only place where a planar run can hold it.
+
+    Raises ValueError if no plane holds it.
+    """
+    rest = units.numbers("rest", chain.rest, "length")
+    if not rest[:, 2].any():
+        return chain
+    centred = rest - rest.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
+    if sizes[2] > 1e-9 * sizes[0]:
+        raise ValueError(
+            "Argument `chain` must have a rest shape in one plane for dimension 2, but it leaves the best one by "
+            f"{np.abs(centred @ axes[2]).max():.3g} nm."
+        )
+    flat = centred @ axes.T
+    flat[:, 2] = 0.0
+    return replace(chain, rest=units.quantity(flat, "length"))
