@@ -12,7 +12,7 @@ import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 
-from openmm_filament.discretisation import PN, ExactChain, exact_chain
+from openmm_filament.discretisation import PN, Choice, ExactChain, exact_chain
 from openmm_filament.points import Point
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def dataset(
-    points: Sequence[Point], *, continuous: bool, kelvin: float, dimension: int, attributes: Mapping[str, Any]
+    points: Sequence[Point], *, kelvin: float, dimension: int, attributes: Mapping[str, Any]
 ) -> xarray.Dataset:
     """The dataset that `force_extension` returns."""
     import xarray
@@ -40,13 +40,17 @@ def dataset(
     def of_chain(value: Callable[[ExactChain], float]) -> list[float]:
         return [math.nan if chain is None else value(chain) for chain in exact]
 
+    def bias(part: Callable[[Choice], float], meaning: str) -> tuple[str, Array, dict[str, str]]:
+        return column([p.mean / (1 + p.choice.bias) * part(p.choice) for p in points], "nm", meaning)
+
     variables = {
         "extension": column([p.mean for p in points], "nm", "mean extension along the force"),
         "extension_error": column([p.error for p in points], "nm", "one standard error of the extension"),
-        "bias": column(
-            [p.mean * p.bias / (1 + p.bias) if continuous else math.nan for p in points],
-            "nm",
-            "exact discrete minus exact continuous extension",
+        "bias": bias(lambda c: c.bias, "exact discrete minus exact continuous extension"),
+        "discretisation_bias": bias(lambda c: c.discretisation, "part of the bias that the number of segments makes"),
+        "stretch_bias": bias(lambda c: c.stretch, "part of the bias that softer bonds make"),
+        "time_step_bias": column(
+            [p.mean * p.choice.time_step for p in points], "nm", "estimated effect of the time step on the extension"
         ),
         "effective_samples": column([p.samples for p in points], "1", "effective sample size of all chains"),
         "r_hat": column([p.r_hat for p in points], "1", "rank-normalised split R-hat"),

@@ -21,6 +21,7 @@ from openmm_filament.trial import energy_gain
 
 __all__ = [
     "FRICTION",
+    "LANGEVIN_STEP",
     "euler_cromer",
     "internal_langevin",
     "is_made_for",
@@ -30,7 +31,7 @@ __all__ = [
     "verlet",
 ]
 
-_LANGEVIN_STEP = 0.35
+LANGEVIN_STEP = 0.35
 """Default time step of `langevin` over the limit.
 
 LangevinMiddle samples harmonic motion without error up to the limit, but at the small friction that samples fastest it
@@ -84,7 +85,7 @@ def langevin(
     temperature : Quantity
         Physical, positive.
     timestep : Quantity, optional
-        Physical; by default 0.35 of the stability limit (see `_LANGEVIN_STEP`), with torsion 0.3 of the limit of the
+        Physical; by default 0.35 of the stability limit (see `LANGEVIN_STEP`), with torsion 0.3 of the limit of the
         stiffest among some shapes in equilibrium. Judge sampling by configurations: kinetic temperatures are too low
         at long time steps.
     friction : Quantity, optional
@@ -194,14 +195,19 @@ def euler_cromer(model: Model, *, timestep: unit.Quantity | None = None) -> mm.I
     return _tagged(integrator, model)
 
 
-def thermal_step(model: Model, kelvin: float, timestep: unit.Quantity | None = None) -> float:
-    """The time step of `langevin` in internal units: as given, checked, or the default at so many physical kelvin."""
+def thermal_step(
+    model: Model, kelvin: float, timestep: unit.Quantity | None = None, part: float = LANGEVIN_STEP
+) -> float:
+    """The time step of `langevin` in internal units: as given, checked, or `part` of the limit of stability.
+
+    With torsion it is a fixed part of the limit found among shapes at so many physical kelvin.
+    """
     if timestep is not None:
         return _step(model, timestep, 1.0)
     limit = 2.0 / highest_frequency(model, internal_positions(model))
     if any(interaction.term.needs_bends for interaction in model.interactions):
         return _TORSION_STEP * min(limit, _thermal_limit(model, kelvin))
-    return _LANGEVIN_STEP * limit
+    return part * limit
 
 
 def _try(model: Model, temperature: float, dt: float) -> None:

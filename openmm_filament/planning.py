@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +11,9 @@ from openmm import unit
 
 from openmm_filament import units
 from openmm_filament.blocks import Block, clamped_model
-from openmm_filament.discretisation import PN, choose
+from openmm_filament.discretisation import PN, Choice, choose, exact_chain, time_step_bias
 from openmm_filament.filament import Filament
-from openmm_filament.integrators import FRICTION, thermal_step
+from openmm_filament.integrators import FRICTION, LANGEVIN_STEP, thermal_step
 from openmm_filament.model import Model
 from openmm_filament.rods import WormlikeChain
 from openmm_filament.timestep import slow_frequency
@@ -35,14 +36,14 @@ _SAMPLE_TIME, _WARM_UP_TIME = 0.2, 2.5
 class Plan:
     """What to run at one force.
 
-    The force in pN, the wanted error and the part of it that is bias; the chain as a model of one replica; `timestep`
-    in ps and `friction` in 1/ps; samples are taken every `stride` steps after `warm_up` steps.
+    The force in pN, the wanted error and the choice made for it, whose biases are NaN for a chain that is run as it is;
+    the chain as a model of one replica; `timestep` in ps and `friction` in 1/ps; samples are taken every `stride` steps
+    after `warm_up` steps.
     """
 
     force: float
     relative_error: float
-    bias: float
-    filament: Filament
+    choice: Choice
     model: Model
     timestep: float
     friction: float
@@ -52,7 +53,7 @@ class Plan:
     def block(self, seed: int, kelvin: float, dimension: int, platform: str, *, keep_frames: bool) -> Block:
         """The run of a group of replicas, before its first sample."""
         return Block(
-            filament=self.filament,
+            filament=self.choice.filament,
             force=self.force * PN,
             temperature=kelvin,
             dimension=dimension,
@@ -85,21 +86,22 @@ def plan_curve(
     elif isinstance(chain, Filament):
         if chain.closed or len(chain) < 2:
             raise ValueError("Argument `chain` must be an open filament of two beads or more to be pulled.")
-        chosen = [(chain if dimension == 3 else _laid_flat(chain), 0.0)] * len(forces)
+        flat = chain if dimension == 3 else _laid_flat(chain)
+        chosen = [Choice(flat, math.nan, math.nan, LANGEVIN_STEP, math.nan)] * len(forces)
     else:
         raise TypeError(f"Argument `chain` must be a WormlikeChain or a Filament, but is {chain!r}.")
     plans = []
-    for (filament, bias), force, error in zip(chosen, forces, wanted, strict=True):
-        model = clamped_model(filament, force * PN, dimension, 1)
+    for choice, force, error in zip(chosen, forces, wanted, strict=True):
+        model = clamped_model(choice.filament, force * PN, dimension, 1)
         rate = slow_frequency(model, kelvin / model.scale.factor("temperature"))
-        dt = thermal_step(model, kelvin, timestep)
+        dt = thermal_step(model, kelvin, timestep, choice.step)
+        step = choice.step if timestep is None else choice.step * dt / thermal_step(model, kelvin, None, choice.step)
         to_ps = model.scale.factor("time")
         plans.append(
             Plan(
                 force=float(force),
                 relative_error=float(error),
-                bias=bias,
-                filament=filament,
+                choice=_timed(choice, step, float(force), float(error), temperature, dimension),
                 model=model,
                 timestep=dt * to_ps,
                 friction=FRICTION * rate / to_ps,
@@ -108,6 +110,21 @@ def plan_curve(
             )
         )
     return plans
+
+
+def _timed(
+    choice: Choice, step: float, force: float, wanted: float, temperature: unit.Quantity, dimension: int
+) -> Choice:
+    """The choice with the time step that it gets, refused where the error of that step leaves none to be sampled."""
+    exact = exact_chain(choice.filament, temperature)
+    known = exact is not None and dimension == 3
+    timed = replace(choice, step=step, time_step=time_step_bias(exact, force, step) if exact and known else math.nan)
+    if timed.known > 0.9 * wanted:
+        raise ValueError(
+            f"Argument `timestep` must leave an error to be sampled at {force:.6g} pN, but at {step:.3g} of the limit of "
+            f"stability its own {abs(timed.time_step):.3g} and the bias of the chain take {timed.known:.3g} of {wanted:.3g}."
+        )
+    return timed
 
 
 def _laid_flat(chain: Filament) -> Filament:

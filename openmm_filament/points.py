@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from openmm_filament.blocks import Block, BlockResult
-from openmm_filament.discretisation import FEWEST_SAMPLES
+from openmm_filament.discretisation import FEWEST_SAMPLES, Choice
 from openmm_filament.divergence import DivergedError
 from openmm_filament.trajectory import TrajectoryWriter
 
@@ -65,7 +65,7 @@ class Point:
 
     force: float
     relative_error: float
-    bias: float
+    choice: Choice
     runs: list[Run]
     writer: TrajectoryWriter | None = None
     frames: int = 0
@@ -132,7 +132,7 @@ class Point:
         if have < 4:
             return
         self._estimate(have)
-        target = (self.relative_error * abs(self.mean) - abs(self.bias * self.mean / (1 + self.bias))) / 2
+        target = (self.relative_error - self.choice.known) * abs(self.mean) / 2
         if self.error <= target and self.samples >= FEWEST_SAMPLES:
             self.finished = True
             return
@@ -164,5 +164,5 @@ class Point:
         have = min(run.done for run in self.runs)
         if self.finished or math.isnan(self.error):
             return max(run.wanted for run in self.runs)
-        target = (self.relative_error - abs(self.bias)) * abs(self.mean) / 2
+        target = (self.relative_error - self.choice.known) * abs(self.mean) / 2
         return max(self.runs[0].wanted, math.ceil(have * (self.error / max(target, 1e-300)) ** 2))

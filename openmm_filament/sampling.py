@@ -101,13 +101,15 @@ def force_extension(
         Positive, one number or (M,).
     temperature : Quantity
     relative_error : float or sequence of float
-        In (0, 1), for all forces or one each. It bounds `|bias| + 2 standard errors` of the extension, relative to it.
+        In (0, 1), for all forces or one each. It bounds `|bias| + |time_step_bias| + 2 standard errors` of the extension,
+        relative to it, and for a `Filament` 2 standard errors.
     seed : int
         Of starts and noise. On Reference the same seed gives the same numbers whatever the number of processes.
     dimension : int
         3, or 2 for chains confined to a plane (a `Filament` alone).
     timestep : Quantity, optional
-        By default that of `langevin` for each chain.
+        By default, for each force of a `WormlikeChain`, what is cheapest with its error counted, and for a `Filament` that of
+        `langevin`.
     processes : int, optional
         Worker processes; by default one for each core that this process may use.
     platform : str
@@ -122,8 +124,11 @@ def force_extension(
     Returns
     -------
     xarray.Dataset
-        Over the coordinate `force` (pN): `extension`, `extension_error` (one standard error), both nm; `bias` (nm, exact
-        discrete minus exact continuous chain; NaN for a `Filament`); `effective_samples`; `r_hat`; the chain that was
+        Over the coordinate `force` (pN): `extension`, `extension_error` (one standard error, from sampling), both nm;
+        `bias` (nm, exact discrete minus exact continuous chain; NaN for a `Filament`), the sum of `discretisation_bias`
+        (of so many segments) and `stretch_bias` (of bonds softer than the chain's own); `time_step_bias` (nm, estimated:
+        see `time_step_bias` in `openmm_filament.discretisation`; NaN with torsion, bent joints or in the plane, where it
+        was not measured); `effective_samples`; `r_hat`; the chain that was
         run (`segments`, `bond_length`, `bending`, `stretching`) and its `exact_discrete` extension, NaN where they are
         not one number or no exact answer is known; `time_step` (ps), `friction` (1/ps), `steps` (of each of the
         chains); `finished`; `diverged`, where a run was given up and the estimate is NaN. Units stand in the
@@ -180,7 +185,6 @@ def force_extension(
         _tell_of(apart, "the estimate and its error rest on where they began")
     return dataset(
         points,
-        continuous=isinstance(chain, WormlikeChain),
         kelvin=kelvin,
         dimension=dimension,
         attributes={
@@ -209,7 +213,7 @@ def _points(
             block = plan.block(number, kelvin, dimension, platform, keep_frames=i in paths and group == 0)
             runs.append(_Run(block, FIRST_ROUND))
         writer = TrajectoryWriter(plan.model, paths[i], overwrite=overwrite) if i in paths else None
-        points.append(_Point(plan.force, plan.relative_error, plan.bias, runs, writer))
+        points.append(_Point(plan.force, plan.relative_error, plan.choice, runs, writer))
     return points
 
 
