@@ -23,9 +23,7 @@ __all__ = ["dataset"]
 Array = NDArray[np.float64]
 
 
-def dataset(
-    points: Sequence[Point], *, kelvin: float, dimension: int, attributes: Mapping[str, Any]
-) -> xarray.Dataset:
+def dataset(points: Sequence[Point], *, kelvin: float, dimension: int, attributes: Mapping[str, Any]) -> xarray.Dataset:
     """The dataset that `force_extension` returns."""
     import xarray
 
