@@ -120,7 +120,11 @@ def _one(values: Array) -> float | Array:
 
 
 def choose(
-    chain: WormlikeChain, forces: Array, temperature: unit.Quantity, relative_error: Array
+    chain: WormlikeChain,
+    forces: Array,
+    temperature: unit.Quantity,
+    relative_error: Array,
+    chosen: Callable[[int], None] = lambda _: None,
 ) -> list[tuple[Filament, float]]:
     """For each force the filament that is cheapest to sample to its error, and its known relative bias.
 
@@ -135,6 +139,8 @@ def choose(
         pN, (M,).
     relative_error : ndarray
         Wanted errors, (M,).
+    chosen : callable
+        Told for how many forces a chain has been chosen; zero when the survey of all of them begins.
 
     Returns
     -------
@@ -158,6 +164,7 @@ def choose(
         modulus = max(float((forces / relative_error).max()) / _STRETCH, INEXTENSIBLE * kt * lp / length**2)
         chain = replace(chain, stretch_modulus=modulus * unit.piconewton)
 
+    chosen(0)
     continuous = exact(forces)
     fluctuation = _fluctuation(forces, continuous, exact, kt)
     ladder, biases = _survey(chain, temperature, forces, continuous, relative_error, length / lp)
@@ -185,6 +192,7 @@ def choose(
             bias = float(_bias_of(filament, temperature, force, continuous[column]))
             if abs(bias) < _MOST * wanted:
                 plans.append((filament, bias))
+                chosen(len(plans))
                 break
         else:
             raise ValueError(
