@@ -8,6 +8,7 @@ stream a process: a block therefore makes its Context, runs alone, and gives it 
 from __future__ import annotations
 
 import math
+import threading
 import time
 from dataclasses import dataclass
 
@@ -31,6 +32,8 @@ Array = NDArray[np.float64]
 
 _LOOK_BEAD_STEPS = 3e4
 """Beads times steps between looks at the heat, which then cost at most 2 % (50 to 70 us a look; a bead's step 0.15 us)."""
+
+_alone = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,21 @@ def run_block(block: Block) -> BlockResult:
     ------
     DivergedError
         If a coordinate is not finite, or the run is far hotter than its thermostat.
+    RuntimeError
+        If another thread of this process is at a block.
     """
+    if not _alone.acquire(blocking=False):
+        raise RuntimeError(
+            "A block must be alone in its process, whose random stream it uses, but another thread is at one: give an "
+            "executor whose workers have one thread each."
+        )
+    try:
+        return _run(block)
+    finally:
+        _alone.release()
+
+
+def _run(block: Block) -> BlockResult:
     begun = time.perf_counter()
     model = clamped_model(block.filament, block.force, block.dimension, block.replicas)
     temperature = block.temperature * unit.kelvin

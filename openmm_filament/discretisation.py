@@ -177,7 +177,13 @@ def _one(values: Array) -> float | Array:
     return values if np.ptp(values) else float(values[0])
 
 
-def choose(chain: WormlikeChain, forces: Array, temperature: unit.Quantity, relative_error: Array) -> list[Choice]:
+def choose(
+    chain: WormlikeChain,
+    forces: Array,
+    temperature: unit.Quantity,
+    relative_error: Array,
+    chosen: Callable[[int], None] = lambda _: None,
+) -> list[Choice]:
     """For each force the filament and the time step that are cheapest to sample to its error, and what they are off by.
 
     Candidates differ in the number of segments, in how soft their bonds are and in the time step. The cost of a sample
@@ -192,6 +198,8 @@ def choose(chain: WormlikeChain, forces: Array, temperature: unit.Quantity, rela
         pN, (M,).
     relative_error : ndarray
         Wanted errors, (M,).
+    chosen : callable
+        Told for how many forces a chain has been chosen; zero when the survey of all of them begins.
 
     Returns
     -------
@@ -214,6 +222,7 @@ def choose(chain: WormlikeChain, forces: Array, temperature: unit.Quantity, rela
         modulus = max(float((forces / relative_error).max()) / _STRETCH, INEXTENSIBLE * kt * lp / length**2)
         chain = replace(chain, stretch_modulus=modulus * unit.piconewton)
 
+    chosen(0)
     continuous = exact(forces)
     fluctuation = _fluctuation(forces, continuous, exact, kt)
     ladder, biases = _survey(chain, temperature, forces, continuous, relative_error, length / lp)
@@ -247,6 +256,7 @@ def choose(chain: WormlikeChain, forces: Array, temperature: unit.Quantity, rela
             choice = _weighed(filament, hard, temperature, force, continuous[column], step)
             if choice.known < _MOST * wanted:
                 plans.append(choice)
+                chosen(len(plans))
                 break
         else:
             raise ValueError(

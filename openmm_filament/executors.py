@@ -5,18 +5,22 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import socket
 import sys
 import threading
 import warnings
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from multiprocessing.connection import wait as wait_for
 from types import ModuleType
 from typing import Any
 
+import openmm as mm
+
 from openmm_filament import _checks as check
 
-__all__ = ["available_workers", "main_hidden", "worker_options"]
+__all__ = ["available_workers", "check_executor", "main_hidden", "worker_options"]
 
 
 def available_workers(processes: int | None) -> int:
@@ -31,6 +35,55 @@ def available_workers(processes: int | None) -> int:
             stacklevel=3,
         )
     return min(asked, available)
+
+
+def check_executor(executor: Any) -> None:
+    """Refuse what cannot run blocks in processes of their own, by asking one of its workers.
+
+    OpenMM's Reference platform has one random stream a process: two blocks at once would take each other's numbers. A
+    worker may run a block in any one of its threads, as long as that thread is alone.
+
+    Raises
+    ------
+    TypeError
+        If it is no `concurrent.futures.Executor`.
+    ValueError
+        If it runs blocks in this process, or several of them in one, or has another version of OpenMM or this package.
+    """
+    if not isinstance(executor, Executor):
+        hint = ": pass client.get_executor()" if hasattr(executor, "get_executor") else ""
+        raise TypeError(f"Argument `executor` must be a concurrent.futures.Executor, but is {executor!r}{hint}.")
+    place, threads, *versions = executor.submit(_where).result()
+    reason = "OpenMM's Reference platform has one random stream a process"
+    if place == _where()[0]:
+        raise ValueError(
+            f"Argument `executor` must run in other processes, but {type(executor).__name__} runs in this one: {reason}."
+        )
+    if threads > 1:
+        raise ValueError(
+            f"Argument `executor` must have workers of one thread each, but has one of {threads} threads: {reason}. Start "
+            "Dask workers with --nthreads 1."
+        )
+    for name, here, there in zip(("OpenMM", "openmm_filament"), _versions(), versions, strict=True):
+        if here != there:
+            raise ValueError(f"Argument `executor` must have {name} {here} as this process has, but has {there}.")
+
+
+def _where() -> tuple[tuple[str, int], int, str, str]:
+    """The process, how many tasks it may be given at once as far as it knows, and its versions."""
+    threads = 1
+    if (dask := sys.modules.get("distributed")) is not None:
+        try:
+            threads = dask.get_worker().state.nthreads
+        except ValueError:  # a process that only talks to Dask
+            threads = 1
+    return (socket.gethostname(), os.getpid()), threads, *_versions()
+
+
+def _versions() -> tuple[str, str]:
+    from openmm_filament import __version__
+
+    return mm.Platform.getOpenMMVersion(), __version__
 
 
 def worker_options() -> dict[str, Any]:

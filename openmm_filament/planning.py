@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,7 +51,7 @@ class Plan:
     stride: int
     warm_up: int
 
-    def block(self, seed: int, kelvin: float, dimension: int, platform: str, *, keep_frames: bool) -> Block:
+    def block(self, seed: int, kelvin: float, dimension: int, platform: str) -> Block:
         """The run of a group of replicas, before its first sample."""
         return Block(
             filament=self.choice.filament,
@@ -65,7 +66,7 @@ class Plan:
             samples=0,
             warm_up=self.warm_up,
             platform=platform,
-            keep_frames=keep_frames,
+            keep_frames=False,
         )
 
 
@@ -76,22 +77,23 @@ def plan_curve(
     wanted: Array,
     dimension: int,
     timestep: unit.Quantity | None,
+    chosen: Callable[[int], None] = lambda _: None,
 ) -> list[Plan]:
-    """A plan for each of the forces (M,) in pN to its wanted relative error (M,)."""
+    """A plan for each of the forces (M,) in pN to its wanted relative error (M,); `chosen` as in `choose`."""
     temperature = kelvin * unit.kelvin
     if isinstance(chain, WormlikeChain):
         if dimension != 3:
             raise ValueError("Argument `dimension` must be 3 for a WormlikeChain, but is 2: pass a Filament.")
-        chosen = choose(chain, forces, temperature, wanted)
+        chains = choose(chain, forces, temperature, wanted, chosen)
     elif isinstance(chain, Filament):
         if chain.closed or len(chain) < 2:
             raise ValueError("Argument `chain` must be an open filament of two beads or more to be pulled.")
         flat = chain if dimension == 3 else _laid_flat(chain)
-        chosen = [Choice(flat, math.nan, math.nan, LANGEVIN_STEP, math.nan)] * len(forces)
+        chains = [Choice(flat, math.nan, math.nan, LANGEVIN_STEP, math.nan)] * len(forces)
     else:
         raise TypeError(f"Argument `chain` must be a WormlikeChain or a Filament, but is {chain!r}.")
     plans = []
-    for choice, force, error in zip(chosen, forces, wanted, strict=True):
+    for choice, force, error in zip(chains, forces, wanted, strict=True):
         model = clamped_model(choice.filament, force * PN, dimension, 1)
         rate = slow_frequency(model, kelvin / model.scale.factor("temperature"))
         dt = thermal_step(model, kelvin, timestep, choice.step)

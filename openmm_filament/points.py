@@ -36,7 +36,7 @@ up to 1.17 where 20 to 100 samples a chain were enough, while the variance was a
 points, and 4.5 in 50 of short chains (chi-squared of 7 degrees of freedom over 7 exceeds 6 once in two million)."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Run:
     """One group of replicas at one force: its next block, and what it has sampled."""
 
@@ -59,7 +59,7 @@ class Run:
         return replace(self.block, samples=min(self.wanted - self.done, most))
 
 
-@dataclass
+@dataclass(eq=False)
 class Point:
     """One force of the curve."""
 

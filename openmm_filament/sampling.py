@@ -7,13 +7,20 @@ Groups, rounds and seeds do not depend on the number of processes or on timing: 
 
 from __future__ import annotations
 
-import math
 import os
-import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import ExitStack, closing, nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,15 +31,18 @@ from openmm import unit
 from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.blocks import BlockResult, run_block
+from openmm_filament.checkpoints import Checkpoint
 from openmm_filament.curves import dataset
 from openmm_filament.discretisation import PN
 from openmm_filament.divergence import DivergedError
-from openmm_filament.executors import available_workers, main_hidden, worker_options
+from openmm_filament.executors import available_workers, check_executor, main_hidden, worker_options
 from openmm_filament.filament import Filament
+from openmm_filament.fingerprints import fingerprint
 from openmm_filament.planning import GROUPS, REPLICAS, Plan, plan_curve
 from openmm_filament.points import FIRST_ROUND
 from openmm_filament.points import Point as _Point
 from openmm_filament.points import Run as _Run
+from openmm_filament.progress import Meter, Progress
 from openmm_filament.rods import WormlikeChain
 from openmm_filament.trajectory import TrajectoryWriter
 
@@ -47,32 +57,6 @@ _BLOCK_BEAD_STEPS = 2e7
 """Beads times steps of one block, two to four seconds."""
 
 
-@dataclass(frozen=True)
-class Progress:
-    """The state of a running curve, as passed to `progress`.
-
-    Attributes
-    ----------
-    fraction : float
-        Of the work now expected, done.
-    seconds_left : float
-        Expected, at the pace so far; NaN before the first block.
-    force : float
-        The force, in pN, at which the last block ended.
-    extension, error : float
-        The estimate there and its standard error in nm; NaN before its first round.
-    finished : int
-        Forces whose error has been reached.
-    """
-
-    fraction: float
-    seconds_left: float
-    force: float
-    extension: float
-    error: float
-    finished: int
-
-
 def force_extension(
     chain: WormlikeChain | Filament,
     forces: unit.Quantity,
@@ -83,9 +67,11 @@ def force_extension(
     dimension: int = 3,
     timestep: unit.Quantity | None = None,
     processes: int | None = None,
+    executor: Executor | None = None,
     platform: str = "Reference",
     trajectories: Mapping[int, str | os.PathLike[str]] | None = None,
     overwrite: bool = False,
+    checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> xarray.Dataset:
     """The mean extension of a thermal chain against the force that pulls it, sampled by Langevin dynamics.
@@ -112,14 +98,21 @@ def force_extension(
         `langevin`.
     processes : int, optional
         Worker processes; by default one for each core that this process may use.
+    executor : concurrent.futures.Executor, optional
+        Runs the blocks instead, on this machine or others: of any kind whose workers are processes of one thread each,
+        such as `dask.distributed.Client.get_executor()` or `mpi4py.futures.MPIPoolExecutor()`. It is left open.
     platform : str
         Reference, by default: for chains of this size one process a core beats every platform's own threads.
     trajectories : mapping of int to path, optional
         Indices into `forces`, and the DCD to write the samples of the first replica to, with its PDB and sidecar.
     overwrite : bool
         Whether trajectories that exist may be replaced.
+    checkpoint : path, optional
+        A file that keeps every block as it ends, a few seconds of one core. Where it exists, the call goes on from it,
+        and ends with the numbers and trajectories that it would have had without an interruption, on Reference bit for
+        bit. The file stays; a call that finds it finished returns at once.
     progress : callable, optional
-        Called with a `Progress` as blocks end.
+        Called with a `Progress` as the chains are chosen for a WormlikeChain, and as blocks end.
 
     Returns
     -------
@@ -138,7 +131,12 @@ def force_extension(
     Raises
     ------
     ValueError, TypeError
-        For arguments that are wrong, before anything runs.
+        For arguments that are wrong, before anything runs: among them the checkpoint of a call with other arguments, and
+        an executor of threads.
+    OSError
+        If the checkpoint or a trajectory cannot be written. What the checkpoint holds stays intact.
+    BrokenExecutor
+        If a worker process is killed, and the executor does not start its block again as Dask does.
     DivergedError
         If at every force a coordinate is not finite, or a run far hotter than its thermostat.
 
@@ -161,6 +159,10 @@ def force_extension(
     check.one_of("dimension", dimension, (2, 3))
     names = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
     check.one_of("platform", platform, names)
+    if executor is not None and processes is not None:
+        raise ValueError(
+            "Argument `processes` must be left out where there is an `executor`, which has its own workers."
+        )
     workers = available_workers(processes)
     paths = {check.integer("trajectories", i, low=0, high=len(values) - 1): p for i, p in (trajectories or {}).items()}
     if len({os.path.abspath(path) for path in paths.values()}) < len(paths):
@@ -168,14 +170,24 @@ def force_extension(
             f"Argument `trajectories` must name a file for each force, but names one twice: {trajectories}."
         )
 
-    plans = plan_curve(chain, values, kelvin, wanted, dimension, timestep)
-    points = _points(plans, kelvin, seed, dimension, platform, paths, overwrite)
-    try:
-        interrupted = _sample(points, workers, progress)
-    finally:
-        for point in points:
-            if point.writer is not None:
-                point.writer.close()
+    meter = Meter(values.tolist(), progress)
+    plans = plan_curve(chain, values, kelvin, wanted, dimension, timestep, meter.chosen)
+    files = tuple(os.path.abspath(path) for path in paths.values())
+    if executor is not None:
+        check_executor(executor)
+    with ExitStack() as opened:
+        store = None
+        if checkpoint is not None:
+            others = {"seed": seed, "dimension": dimension, "platform": platform}
+            arguments = fingerprint(chain, plans, kelvin, timestep, paths, **others)
+            store = opened.enter_context(closing(Checkpoint(checkpoint, arguments, files)))
+        old = store.files if store is not None else ()
+        points = _points(plans, kelvin, seed, dimension, platform)
+        for i, path in paths.items():
+            writer = TrajectoryWriter(plans[i].model, path, overwrite=overwrite or os.path.abspath(path) in old)
+            points[i].writer = opened.enter_context(closing(writer))
+            points[i].runs[0].block = replace(points[i].runs[0].block, keep_frames=True)
+        interrupted = _sample(points, executor or workers, store, meter)
     failures = [(point.force, point.failure) for point in points if point.failure is not None]
     if len(failures) == len(points):
         raise failures[0][1]
@@ -196,24 +208,12 @@ def force_extension(
     )
 
 
-def _points(
-    plans: Sequence[Plan],
-    kelvin: float,
-    seed: int,
-    dimension: int,
-    platform: str,
-    paths: Mapping[int, str | os.PathLike[str]],
-    overwrite: bool,
-) -> list[_Point]:
+def _points(plans: Sequence[Plan], kelvin: float, seed: int, dimension: int, platform: str) -> list[_Point]:
     points = []
-    for i, (plan, seeds) in enumerate(zip(plans, np.random.SeedSequence(seed).spawn(len(plans)), strict=True)):
-        runs = []
-        for group, child in enumerate(seeds.spawn(GROUPS)):
-            number = int(child.generate_state(1)[0]) % (2**31 - 1) + 1
-            block = plan.block(number, kelvin, dimension, platform, keep_frames=i in paths and group == 0)
-            runs.append(_Run(block, FIRST_ROUND))
-        writer = TrajectoryWriter(plan.model, paths[i], overwrite=overwrite) if i in paths else None
-        points.append(_Point(plan.force, plan.relative_error, plan.choice, runs, writer))
+    for plan, seeds in zip(plans, np.random.SeedSequence(seed).spawn(len(plans)), strict=True):
+        numbers = [int(child.generate_state(1)[0]) % (2**31 - 1) + 1 for child in seeds.spawn(GROUPS)]
+        runs = [_Run(plan.block(number, kelvin, dimension, platform), FIRST_ROUND) for number in numbers]
+        points.append(_Point(plan.force, plan.relative_error, plan.choice, runs))
     return points
 
 
@@ -225,46 +225,103 @@ def _tell_of(apart: Sequence[_Point], consequence: str) -> None:
         point.told = True
 
 
-def _sample(points: Sequence[_Point], workers: int, progress: Callable[[Progress], None] | None) -> bool:
-    """Run all points to their errors; whether it was interrupted."""
-    begun = time.perf_counter()
+def _sample(points: Sequence[_Point], workers: Executor | int, store: Checkpoint | None, meter: Meter) -> bool:
+    """Run all points to their errors, from where the checkpoint has them; whether it was interrupted."""
+    due, last = _restored(points, store)
+    meter.begin(points, last)
+    if not due:
+        return False
     pending: dict[Future[BlockResult], tuple[_Point, _Run]] = {}
-    with ProcessPoolExecutor(workers, **worker_options()) as pool:
+    with (
+        nullcontext(workers)
+        if isinstance(workers, Executor)
+        else ProcessPoolExecutor(workers, **worker_options()) as pool
+    ):
 
         def submit(point: _Point, run: _Run) -> None:
             with main_hidden():
                 pending[pool.submit(run_block, run.next_block(_BLOCK_BEAD_STEPS))] = point, run
 
         try:
-            for point in sorted(points, key=lambda p: -p.weight):
-                for run in point.runs:
-                    submit(point, run)
+            for point, run in due:
+                submit(point, run)
             while pending:
                 for future in wait(pending, return_when=FIRST_COMPLETED).done:
                     if future not in pending:  # of a point given up while these results were gone through
                         continue
                     point, run = pending.pop(future)
-                    if isinstance(error := future.exception(), DivergedError):
-                        point.fail(error)
+                    if (result := _outcome(future, point, store)) is None:
                         _forget(point, pending)
                     else:
-                        point.take(run, future.result())
-                        for due in point.due_after(run):
-                            submit(point, due)
+                        _keep(points, point, run, result, store)
+                        for again in point.due_after(run):
+                            submit(point, again)
                         if point.is_stuck:
                             _tell_of(
                                 [point], "the error falls only as fast as they change them, which may take very long"
                             )
-                    if progress is not None:
-                        progress(_progress(points, point, time.perf_counter() - begun))
+                    meter.show(points, point)
         except KeyboardInterrupt:
-            pool.shutdown(wait=True, cancel_futures=True)
-            _harvest(points, pending)
+            wait([future for future in pending if not future.cancel()])
+            _harvest(points, pending, store)
             return True
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            for future in pending:
+                future.cancel()
             raise
     return False
+
+
+def _restored(points: Sequence[_Point], store: Checkpoint | None) -> tuple[list[tuple[_Point, _Run]], _Point | None]:
+    """The runs that need a block, the heaviest points first, once all that the checkpoint has is taken; its last point.
+
+    Taking blocks in the order in which they ended makes the same rounds as when they ended.
+    """
+    due = {id(run): (point, run) for point in sorted(points, key=lambda p: -p.weight) for run in point.runs}
+    last = None
+    if store is None:
+        return list(due.values()), None
+    for i, j, result in store.stored():
+        point, run = points[i], points[i].runs[j]
+        if due.pop(id(run), None) is None:
+            raise ValueError(f"Argument `checkpoint` must hold the blocks of one call, but {store.path} does not.")
+        _take(point, run, result, store)
+        due |= {id(again): (point, again) for again in point.due_after(run)}
+        last = point
+    return sorted(due.values(), key=lambda pair: -pair[0].weight), last
+
+
+def _outcome(future: Future[BlockResult], point: _Point, store: Checkpoint | None) -> BlockResult | None:
+    """The result of a block, or None if it diverged, which gives the point up."""
+    try:
+        return future.result()
+    except DivergedError as error:
+        point.fail(error)
+        return None
+    except (BrokenExecutor, CancelledError) as error:
+        kept = "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
+        raise BrokenExecutor(
+            f"The run has stopped: a worker process has ended, killed or out of memory, with its block.{kept}"
+        ) from error
+
+
+def _keep(points: Sequence[_Point], point: _Point, run: _Run, result: BlockResult, store: Checkpoint | None) -> None:
+    """Into the checkpoint first: what a trajectory holds can then be made again."""
+    if store is not None:
+        store.add(points.index(point), point.runs.index(run), result)
+    _take(point, run, result, store)
+
+
+def _take(point: _Point, run: _Run, result: BlockResult, store: Checkpoint | None) -> None:
+    try:
+        point.take(run, result)
+    except OSError as error:
+        assert point.writer is not None
+        kept = "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
+        raise OSError(
+            error.errno,
+            f"The run has stopped: its trajectory {point.writer.path} cannot be written ({error.strerror}).{kept}",
+        ) from error
 
 
 def _forget(point: _Point, pending: dict[Future[BlockResult], tuple[_Point, _Run]]) -> None:
@@ -274,7 +331,11 @@ def _forget(point: _Point, pending: dict[Future[BlockResult], tuple[_Point, _Run
         del pending[future]
 
 
-def _harvest(points: Sequence[_Point], pending: Mapping[Future[BlockResult], tuple[_Point, _Run]]) -> None:
+def _harvest(
+    points: Sequence[_Point],
+    pending: Mapping[Future[BlockResult], tuple[_Point, _Run]],
+    store: Checkpoint | None,
+) -> None:
     """Take what the workers had still finished, and estimate from what there is."""
     for future, (point, run) in pending.items():
         if not future.done() or future.cancelled() or point.failure is not None:
@@ -282,15 +343,6 @@ def _harvest(points: Sequence[_Point], pending: Mapping[Future[BlockResult], tup
         if isinstance(error := future.exception(), DivergedError):
             point.fail(error)
         elif error is None:
-            point.take(run, future.result())
+            _keep(points, point, run, future.result(), store)
     for point in points:
         point.stop()
-
-
-def _progress(points: Sequence[_Point], point: _Point, elapsed: float) -> Progress:
-    running = [p for p in points if p.failure is None]
-    done = sum(p.weight * sum(run.done for run in p.runs) / len(p.runs) for p in running)
-    expected = sum(p.weight * p.expected() for p in running)
-    fraction = min(done / expected, 1.0) if running else 1.0
-    left = elapsed * (1 - fraction) / fraction if fraction else math.nan
-    return Progress(fraction, left, point.force, point.mean, point.error, sum(p.finished for p in points))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -79,7 +80,8 @@ class TrajectoryWriter:
         """Close the files; a closed writer takes no frames."""
         self._closed = True
         for file in self._files or ():
-            file.close()
+            with suppress(OSError):  # frames were flushed when they were written, or that has failed and was told
+                file.close()
 
     def _begin(self) -> None:
         """Open the files, which ends those that were there."""
