@@ -19,7 +19,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -52,6 +52,8 @@ if TYPE_CHECKING:
 __all__ = ["Progress", "force_extension"]
 
 Array = NDArray[np.float64]
+
+_Pending = dict[Future[BlockResult], tuple[_Point, _Run]]
 
 _BLOCK_BEAD_STEPS = 2e7
 """Beads times steps of one block, two to four seconds."""
@@ -227,44 +229,37 @@ def _sample(points: Sequence[_Point], workers: Executor | int, store: Checkpoint
     meter.begin(points, last)
     if not due:
         return False
-    pending: dict[Future[BlockResult], tuple[_Point, _Run]] = {}
-    with (
-        nullcontext(workers)
-        if isinstance(workers, Executor)
-        else ProcessPoolExecutor(workers, **worker_options()) as pool
-    ):
+    executor: AbstractContextManager[Executor] = (
+        nullcontext(workers) if isinstance(workers, Executor) else ProcessPoolExecutor(workers, **worker_options())
+    )
+    with executor as pool:
 
-        def submit(point: _Point, run: _Run) -> None:
-            with main_hidden():
-                pending[pool.submit(run_block, run.next_block(_BLOCK_BEAD_STEPS))] = point, run
+        def submit(run: _Run) -> Future[BlockResult]:
+            with nullcontext() if pool is workers else main_hidden():
+                return pool.submit(run_block, run.next_block(_BLOCK_BEAD_STEPS))
 
+        pending: _Pending = {}
         try:
             for point, run in due:
-                submit(point, run)
+                pending[submit(run)] = point, run
             while pending:
                 for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                    if future not in pending:  # of a point given up while these results were gone through
-                        continue
-                    point, run = pending.pop(future)
-                    if (result := _outcome(future, point, store)) is None:
-                        _forget(point, pending)
-                    else:
-                        _keep(points, point, run, result, store)
-                        for again in point.due_after(run):
-                            submit(point, again)
-                        if point.is_stuck:
-                            _tell_of(
-                                [point], "the error falls only as fast as they change them, which may take very long"
-                            )
-                    meter.show(points, point)
+                    if future in pending:  # not of a point given up while these results were gone through
+                        point, run = pending.pop(future)
+                        pending |= {submit(again): (point, again) for again in _end(points, point, run, future, store)}
+                        _forget_failed(pending)
+                        meter.show(points, point)
         except KeyboardInterrupt:
             wait([future for future in pending if not future.cancel()])
             _harvest(points, pending, store)
             return True
-        except BaseException:
+        except (BrokenExecutor, CancelledError) as error:
+            raise BrokenExecutor(
+                f"The run has stopped: a worker process has ended, killed or out of memory, with its block.{_intact(store)}"
+            ) from error
+        finally:
             for future in pending:
                 future.cancel()
-            raise
     return False
 
 
@@ -287,18 +282,18 @@ def _restored(points: Sequence[_Point], store: Checkpoint | None) -> tuple[list[
     return sorted(due.values(), key=lambda pair: -pair[0].weight), last
 
 
-def _outcome(future: Future[BlockResult], point: _Point, store: Checkpoint | None) -> BlockResult | None:
-    """The result of a block, or None if it diverged, which gives the point up."""
-    try:
-        return future.result()
-    except DivergedError as error:
+def _end(
+    points: Sequence[_Point], point: _Point, run: _Run, future: Future[BlockResult], store: Checkpoint | None
+) -> list[_Run]:
+    """Take the block that has ended; the runs that need another one now."""
+    if isinstance(error := future.exception(), DivergedError):
         point.fail(error)
-        return None
-    except (BrokenExecutor, CancelledError) as error:
-        kept = "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
-        raise BrokenExecutor(
-            f"The run has stopped: a worker process has ended, killed or out of memory, with its block.{kept}"
-        ) from error
+        return []
+    _keep(points, point, run, future.result(), store)
+    due = point.due_after(run)
+    if point.is_stuck:
+        _tell_of([point], "the error falls only as fast as they change them, which may take very long")
+    return due
 
 
 def _keep(points: Sequence[_Point], point: _Point, run: _Run, result: BlockResult, store: Checkpoint | None) -> None:
@@ -313,23 +308,26 @@ def _take(point: _Point, run: _Run, result: BlockResult, store: Checkpoint | Non
         point.take(run, result)
     except OSError as error:
         assert point.writer is not None
-        kept = "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
         raise OSError(
             error.errno,
-            f"The run has stopped: its trajectory {point.writer.path} cannot be written ({error.strerror}).{kept}",
+            f"The run has stopped: its trajectory {point.writer.path} cannot be written ({error.strerror}).{_intact(store)}",
         ) from error
 
 
-def _forget(point: _Point, pending: dict[Future[BlockResult], tuple[_Point, _Run]]) -> None:
-    """Drop the blocks of a point; one that a worker is at already runs to its end unheard."""
-    for future in [future for future, (other, _) in pending.items() if other is point]:
+def _intact(store: Checkpoint | None) -> str:
+    return "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
+
+
+def _forget_failed(pending: _Pending) -> None:
+    """Drop the blocks of points given up; one that a worker is at already runs to its end unheard."""
+    for future in [future for future, (point, _) in pending.items() if point.failure is not None]:
         future.cancel()
         del pending[future]
 
 
 def _harvest(
     points: Sequence[_Point],
-    pending: Mapping[Future[BlockResult], tuple[_Point, _Run]],
+    pending: _Pending,
     store: Checkpoint | None,
 ) -> None:
     """Take what the workers had still finished, and estimate from what there is."""
