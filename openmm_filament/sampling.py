@@ -45,6 +45,7 @@ from openmm_filament.points import Run as _Run
 from openmm_filament.progress import Meter, Progress
 from openmm_filament.rods import WormlikeChain
 from openmm_filament.trajectory import TrajectoryWriter
+from openmm_filament.wide import GPUS, WideRun, wide_points
 
 if TYPE_CHECKING:
     import xarray
@@ -156,10 +157,7 @@ def force_extension(
     check.one_of("dimension", dimension, (2, 3))
     names = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
     check.one_of("platform", platform, names)
-    if executor is not None and processes is not None:
-        raise ValueError(
-            "Argument `processes` must be left out where there is an `executor`, which has its own workers."
-        )
+    _check_workers(platform, executor, processes)
     workers = available_workers(processes)
     paths = {check.integer("trajectories", i, low=0, high=len(values) - 1): p for i, p in (trajectories or {}).items()}
     if len({os.path.abspath(path) for path in paths.values()}) < len(paths):
@@ -167,11 +165,11 @@ def force_extension(
             f"Argument `trajectories` must name a file for each force, but names one twice: {trajectories}."
         )
 
+    if executor is not None:
+        check_executor(executor)
     meter = Meter(values.tolist(), progress)
     plans = plan_curve(chain, values, kelvin, wanted, dimension, timestep, meter.chosen)
     files = tuple(os.path.abspath(path) for path in paths.values())
-    if executor is not None:
-        check_executor(executor)
     with ExitStack() as opened:
         store = None
         if checkpoint is not None:
@@ -179,12 +177,15 @@ def force_extension(
             arguments = fingerprint(chain, plans, kelvin, timestep, paths, **others)
             store = opened.enter_context(closing(Checkpoint(checkpoint, arguments, files)))
         old = store.files if store is not None else ()
-        points = _points(plans, kelvin, seed, dimension, platform)
+        wide = platform in GPUS
+        points = (wide_points if wide else _points)(plans, kelvin, dimension, seed, platform)
         for i, path in paths.items():
             writer = TrajectoryWriter(plans[i].model, path, overwrite=overwrite or os.path.abspath(path) in old)
             points[i].writer = opened.enter_context(closing(writer))
             points[i].runs[0].block = replace(points[i].runs[0].block, keep_frames=True)
-        interrupted = _sample(points, executor or workers, store, meter)
+        interrupted = (
+            _sample_wide(points, seed, store, meter) if wide else _sample(points, executor or workers, store, meter)
+        )
     failures = [(point.force, point.failure) for point in points if point.failure is not None]
     if len(failures) == len(points):
         raise failures[0][1]
@@ -199,14 +200,25 @@ def force_extension(
         dimension=dimension,
         attributes={
             "seed": seed,
-            "chains": GROUPS * REPLICAS,
+            "chains": [p.runs[0].block.replicas for p in points] if wide else GROUPS * REPLICAS,
             "platform": platform,
             "interrupted": int(interrupted),
         },
     )
 
 
-def _points(plans: Sequence[Plan], kelvin: float, seed: int, dimension: int, platform: str) -> list[_Point]:
+def _check_workers(platform: str, executor: Executor | None, processes: int | None) -> None:
+    if platform in GPUS and (executor is not None or processes is not None):
+        raise ValueError(
+            f"Arguments `executor` and `processes` must be left out on {platform}, where the whole curve is one Context."
+        )
+    if executor is not None and processes is not None:
+        raise ValueError(
+            "Argument `processes` must be left out where there is an `executor`, which has its own workers."
+        )
+
+
+def _points(plans: Sequence[Plan], kelvin: float, dimension: int, seed: int, platform: str) -> list[_Point]:
     points = []
     for plan, seeds in zip(plans, np.random.SeedSequence(seed).spawn(len(plans)), strict=True):
         numbers = [int(child.generate_state(1)[0]) % (2**31 - 1) + 1 for child in seeds.spawn(GROUPS)]
@@ -263,6 +275,37 @@ def _sample(points: Sequence[_Point], workers: Executor | int, store: Checkpoint
     return False
 
 
+def _sample_wide(points: Sequence[_Point], seed: int, store: Checkpoint | None, meter: Meter) -> bool:
+    """The same in one Context; whether it was interrupted."""
+    saved, last = None, None
+    group: list[BlockResult] = []
+    for i, _, result in () if store is None else store.stored():
+        group = [*(group if i else []), result]  # an end may have cut a group off
+        if len(group) == len(points):
+            _take_all(points, group, store)
+            saved, last = result.checkpoint, points[-1]
+    meter.begin(points, last)
+    try:
+        if all(point.finished for point in points):
+            return False
+        run = WideRun(points, seed, saved)
+        while not all(point.finished for point in points):
+            results = run.advance(run.ticks_to(points))
+            if store is not None:
+                for i, result in enumerate(results):
+                    store.add(i, 0, result)
+            _take_all(points, results, store)
+            for point in points:
+                if point.is_stuck:
+                    _tell_of([point], "the error falls only as fast as they change them, which may take very long")
+            meter.show(points, min(points, key=lambda p: (p.finished, p.runs[0].done / p.expected())))
+    except KeyboardInterrupt:
+        for point in points:
+            point.stop()
+        return True
+    return False
+
+
 def _restored(points: Sequence[_Point], store: Checkpoint | None) -> tuple[list[tuple[_Point, _Run]], _Point | None]:
     """The runs that need a block, the heaviest points first, once all that the checkpoint has is taken; its last point.
 
@@ -312,6 +355,15 @@ def _take(point: _Point, run: _Run, result: BlockResult, store: Checkpoint | Non
             error.errno,
             f"The run has stopped: its trajectory {point.writer.path} cannot be written ({error.strerror}).{_intact(store)}",
         ) from error
+
+
+def _take_all(points: Sequence[_Point], results: Sequence[BlockResult], store: Checkpoint | None) -> None:
+    """What the points of one Context have sampled; those that are finished take no more."""
+    for point, result in zip(points, results, strict=True):
+        run = point.runs[0]
+        if not point.finished:
+            _take(point, run, replace(result, checkpoint=b""), store)
+            point.due_after(run)
 
 
 def _intact(store: Checkpoint | None) -> str:

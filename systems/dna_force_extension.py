@@ -54,6 +54,11 @@ def options(parser: argparse._ArgumentGroup) -> None:
     )
     parser.add_argument("--processes", type=int, help="worker processes; by default one a core")
     parser.add_argument(
+        "--platform",
+        default="Reference",
+        help="of OpenMM; on CUDA, HIP and OpenCL the whole curve is one Context (default Reference)",
+    )
+    parser.add_argument(
         "--resume",
         action="store_true",
         help="go on with a run that was ended, from the checkpoint beside its folder, with the same options",
@@ -107,6 +112,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             seed=seed,
             processes=processes,
             executor=executor,
+            platform=options.platform,
             checkpoint=kept,
             trajectories=paths,
             progress=display.show,

@@ -54,7 +54,7 @@ def same(curve: Any, other: Any) -> None:
 def same_files(folder: Path, name: str, other: str) -> None:
     """Trajectories that agree in every byte but for the time of day in the DCD's title."""
     one, two = ((folder / f"{n}.dcd").read_bytes() for n in (name, other))
-    assert len(one) > 10_000
+    assert len(one) > 5_000
     title = slice(100, 264)  # two lines of 80 characters
     assert one[: title.start] == two[: title.start]
     assert one[title.stop :] == two[title.stop :]
