@@ -38,6 +38,7 @@ from openmm_filament.divergence import DivergedError
 from openmm_filament.executors import available_workers, check_executor, main_hidden, worker_options
 from openmm_filament.filament import Filament
 from openmm_filament.fingerprints import fingerprint
+from openmm_filament.keeping import intact, keep, restored, tell_of
 from openmm_filament.planning import GROUPS, REPLICAS, Plan, plan_curve
 from openmm_filament.points import FIRST_ROUND
 from openmm_filament.points import Point as _Point
@@ -45,7 +46,7 @@ from openmm_filament.points import Run as _Run
 from openmm_filament.progress import Meter, Progress
 from openmm_filament.rods import WormlikeChain
 from openmm_filament.trajectory import TrajectoryWriter
-from openmm_filament.wide import GPUS, WideRun, wide_points
+from openmm_filament.wide import GPUS, sample_wide, wide_points
 
 if TYPE_CHECKING:
     import xarray
@@ -103,7 +104,10 @@ def force_extension(
         Runs the blocks instead, on this machine or others: of any kind whose workers are processes of one thread each,
         such as `dask.distributed.Client.get_executor()` or `mpi4py.futures.MPIPoolExecutor()`. It is left open.
     platform : str
-        Reference, by default: for chains of this size one process a core beats every platform's own threads.
+        Reference, by default: for chains of this size one process a core beats every platform's own threads. On CUDA,
+        HIP and OpenCL the whole curve is one Context: all replicas of all forces in one System, each chain with its own
+        time step and friction, and more replicas where more steps are needed. Neither `processes` nor `executor` go
+        with it, and a chain that diverges ends the whole curve.
     trajectories : mapping of int to path, optional
         Indices into `forces`, and the DCD to write the samples of the first replica to, with its PDB and sidecar.
     overwrite : bool
@@ -136,7 +140,7 @@ def force_extension(
     BrokenExecutor
         If a worker process is killed, and the executor does not start its block again as Dask does.
     DivergedError
-        If at every force a coordinate is not finite, or a run far hotter than its thermostat.
+        If at every force a coordinate is not finite, or a run far hotter than its thermostat; in one Context, if at any.
 
     Warns
     -----
@@ -184,7 +188,7 @@ def force_extension(
             points[i].writer = opened.enter_context(closing(writer))
             points[i].runs[0].block = replace(points[i].runs[0].block, keep_frames=True)
         interrupted = (
-            _sample_wide(points, seed, store, meter) if wide else _sample(points, executor or workers, store, meter)
+            sample_wide(points, seed, store, meter) if wide else _sample(points, executor or workers, store, meter)
         )
     failures = [(point.force, point.failure) for point in points if point.failure is not None]
     if len(failures) == len(points):
@@ -192,7 +196,7 @@ def force_extension(
     for force, error in failures:
         warnings.warn(f"The run at {force:.6g} pN is given up: {error}", stacklevel=2)
     if not interrupted and (apart := [point for point in points if point.finished and point.is_apart]):
-        _tell_of(apart, "the estimate and its error rest on where they began")
+        tell_of(apart, "the estimate and its error rest on where they began")
     return dataset(
         points,
         continuous=isinstance(chain, WormlikeChain),
@@ -227,17 +231,9 @@ def _points(plans: Sequence[Plan], kelvin: float, dimension: int, seed: int, pla
     return points
 
 
-def _tell_of(apart: Sequence[_Point], consequence: str) -> None:
-    """Warn of forces whose chains stay in separate shapes."""
-    named = ", ".join(f"{point.force:.6g} pN (R-hat {point.r_hat:.3f})" for point in apart)
-    warnings.warn(f"Chains stay in shapes of their own at {named}: {consequence}.", stacklevel=3)
-    for point in apart:
-        point.told = True
-
-
 def _sample(points: Sequence[_Point], workers: Executor | int, store: Checkpoint | None, meter: Meter) -> bool:
     """Run all points to their errors, from where the checkpoint has them; whether it was interrupted."""
-    due, last = _restored(points, store)
+    due, last = restored(points, store)
     meter.begin(points, last)
     if not due:
         return False
@@ -267,62 +263,12 @@ def _sample(points: Sequence[_Point], workers: Executor | int, store: Checkpoint
             return True
         except (BrokenExecutor, CancelledError) as error:
             raise BrokenExecutor(
-                f"The run has stopped: a worker process has ended, killed or out of memory, with its block.{_intact(store)}"
+                f"The run has stopped: a worker process has ended, killed or out of memory, with its block.{intact(store)}"
             ) from error
         finally:
             for future in pending:
                 future.cancel()
     return False
-
-
-def _sample_wide(points: Sequence[_Point], seed: int, store: Checkpoint | None, meter: Meter) -> bool:
-    """The same in one Context; whether it was interrupted."""
-    saved, last = None, None
-    group: list[BlockResult] = []
-    for i, _, result in () if store is None else store.stored():
-        group = [*(group if i else []), result]  # an end may have cut a group off
-        if len(group) == len(points):
-            _take_all(points, group, store)
-            saved, last = result.checkpoint, points[-1]
-    meter.begin(points, last)
-    try:
-        if all(point.finished for point in points):
-            return False
-        run = WideRun(points, seed, saved)
-        while not all(point.finished for point in points):
-            results = run.advance(run.ticks_to(points))
-            if store is not None:
-                for i, result in enumerate(results):
-                    store.add(i, 0, result)
-            _take_all(points, results, store)
-            for point in points:
-                if point.is_stuck:
-                    _tell_of([point], "the error falls only as fast as they change them, which may take very long")
-            meter.show(points, min(points, key=lambda p: (p.finished, p.runs[0].done / p.expected())))
-    except KeyboardInterrupt:
-        for point in points:
-            point.stop()
-        return True
-    return False
-
-
-def _restored(points: Sequence[_Point], store: Checkpoint | None) -> tuple[list[tuple[_Point, _Run]], _Point | None]:
-    """The runs that need a block, the heaviest points first, once all that the checkpoint has is taken; its last point.
-
-    Taking blocks in the order in which they ended makes the same rounds as when they ended.
-    """
-    due = {id(run): (point, run) for point in sorted(points, key=lambda p: -p.weight) for run in point.runs}
-    last = None
-    if store is None:
-        return list(due.values()), None
-    for i, j, result in store.stored():
-        point, run = points[i], points[i].runs[j]
-        if due.pop(id(run), None) is None:
-            raise ValueError(f"Argument `checkpoint` must hold the blocks of one call, but {store.path} does not.")
-        _take(point, run, result, store)
-        due |= {id(again): (point, again) for again in point.due_after(run)}
-        last = point
-    return sorted(due.values(), key=lambda pair: -pair[0].weight), last
 
 
 def _end(
@@ -332,42 +278,11 @@ def _end(
     if isinstance(error := future.exception(), DivergedError):
         point.fail(error)
         return []
-    _keep(points, point, run, future.result(), store)
+    keep(points, point, run, future.result(), store)
     due = point.due_after(run)
     if point.is_stuck:
-        _tell_of([point], "the error falls only as fast as they change them, which may take very long")
+        tell_of([point], "the error falls only as fast as they change them, which may take very long")
     return due
-
-
-def _keep(points: Sequence[_Point], point: _Point, run: _Run, result: BlockResult, store: Checkpoint | None) -> None:
-    """Into the checkpoint first: what a trajectory holds can then be made again."""
-    if store is not None:
-        store.add(points.index(point), point.runs.index(run), result)
-    _take(point, run, result, store)
-
-
-def _take(point: _Point, run: _Run, result: BlockResult, store: Checkpoint | None) -> None:
-    try:
-        point.take(run, result)
-    except OSError as error:
-        assert point.writer is not None
-        raise OSError(
-            error.errno,
-            f"The run has stopped: its trajectory {point.writer.path} cannot be written ({error.strerror}).{_intact(store)}",
-        ) from error
-
-
-def _take_all(points: Sequence[_Point], results: Sequence[BlockResult], store: Checkpoint | None) -> None:
-    """What the points of one Context have sampled; those that are finished take no more."""
-    for point, result in zip(points, results, strict=True):
-        run = point.runs[0]
-        if not point.finished:
-            _take(point, run, replace(result, checkpoint=b""), store)
-            point.due_after(run)
-
-
-def _intact(store: Checkpoint | None) -> str:
-    return "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
 
 
 def _forget_failed(pending: _Pending) -> None:
@@ -389,6 +304,6 @@ def _harvest(
         if isinstance(error := future.exception(), DivergedError):
             point.fail(error)
         elif error is None:
-            _keep(points, point, run, future.result(), store)
+            keep(points, point, run, future.result(), store)
     for point in points:
         point.stop()

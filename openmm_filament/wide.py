@@ -19,15 +19,18 @@ from openmm import unit
 
 from openmm_filament import units
 from openmm_filament.blocks import BlockResult, clamped_model, clamps
+from openmm_filament.checkpoints import Checkpoint
 from openmm_filament.discretisation import FEWEST_SAMPLES, exact_chain
 from openmm_filament.divergence import check_heat, diagnose
+from openmm_filament.keeping import take_all, tell_of
 from openmm_filament.model import Model, build
 from openmm_filament.planning import Plan
 from openmm_filament.platforms import platform_properties
 from openmm_filament.points import Point, Run
+from openmm_filament.progress import Meter
 from openmm_filament.starts import equilibrium_starts
 
-__all__ = ["GPUS", "WideRun", "replicas", "wide_points"]
+__all__ = ["GPUS", "WideRun", "replicas", "sample_wide", "wide_points"]
 
 Array = NDArray[np.float64]
 
@@ -236,3 +239,34 @@ def _integrator(model: Model, points: Sequence[Point], heat: float, seed: int) -
     integrator.addComputePerDof("x", "x+0.5*own*dt*v")
     integrator.setRandomNumberSeed(seed % (2**31 - 1) + 1)
     return integrator
+
+
+def sample_wide(points: Sequence[Point], seed: int, store: Checkpoint | None, meter: Meter) -> bool:
+    """Run all points to their errors in one Context, from where the checkpoint has them; whether it was interrupted."""
+    saved, last = None, None
+    group: list[BlockResult] = []
+    for i, _, result in () if store is None else store.stored():
+        group = [*(group if i else []), result]  # an end may have cut a group off
+        if len(group) == len(points):
+            take_all(points, group, store)
+            saved, last = result.checkpoint, points[-1]
+    meter.begin(points, last)
+    try:
+        if all(point.finished for point in points):
+            return False
+        run = WideRun(points, seed, saved)
+        while not all(point.finished for point in points):
+            results = run.advance(run.ticks_to(points))
+            if store is not None:
+                for i, result in enumerate(results):
+                    store.add(i, 0, result)
+            take_all(points, results, store)
+            for point in points:
+                if point.is_stuck:
+                    tell_of([point], "the error falls only as fast as they change them, which may take very long")
+            meter.show(points, min(points, key=lambda p: (p.finished, p.runs[0].done / p.expected())))
+    except KeyboardInterrupt:
+        for point in points:
+            point.stop()
+        return True
+    return False
