@@ -26,7 +26,7 @@ from openmm_filament.model import Model, build
 from openmm_filament.platforms import platform_properties
 from openmm_filament.starts import equilibrium_starts
 
-__all__ = ["Block", "BlockResult", "clamped_model", "run_block"]
+__all__ = ["Block", "BlockResult", "clamped_model", "clamps", "run_block"]
 
 Array = NDArray[np.float64]
 
@@ -77,12 +77,17 @@ class BlockResult:
 
 def clamped_model(filament: Filament, force: float, dimension: int, replicas: int) -> Model:
     """Replicas with bead 0 held and the last bead pulled along z (x in two dimensions) by `force` in kJ/mol/nm."""
+    return build([filament] * replicas, [clamps(force, dimension)] * replicas)
+
+
+def clamps(force: float, dimension: int) -> list[Load]:
+    """The loads of one replica."""
     pull = np.zeros(3)
     pull[_axis(dimension)] = force
     loads: list[Load] = [Hold(0), Pull(-1, units.quantity(pull, "force"))]
     if dimension == 2:
         loads.append(Plane())
-    return build([filament] * replicas, [loads] * replicas)
+    return loads
 
 
 def _axis(dimension: int) -> int:

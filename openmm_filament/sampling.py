@@ -19,7 +19,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -38,6 +38,7 @@ from openmm_filament.divergence import DivergedError
 from openmm_filament.executors import available_workers, check_executor, main_hidden, worker_options
 from openmm_filament.filament import Filament
 from openmm_filament.fingerprints import fingerprint
+from openmm_filament.keeping import intact, keep, restored, tell_of
 from openmm_filament.planning import GROUPS, REPLICAS, Plan, plan_curve
 from openmm_filament.points import FIRST_ROUND
 from openmm_filament.points import Point as _Point
@@ -45,6 +46,7 @@ from openmm_filament.points import Run as _Run
 from openmm_filament.progress import Meter, Progress
 from openmm_filament.rods import WormlikeChain
 from openmm_filament.trajectory import TrajectoryWriter
+from openmm_filament.wide import GPUS, sample_wide, wide_points
 
 if TYPE_CHECKING:
     import xarray
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
 __all__ = ["Progress", "force_extension"]
 
 Array = NDArray[np.float64]
+
+_Pending = dict[Future[BlockResult], tuple[_Point, _Run]]
 
 _BLOCK_BEAD_STEPS = 2e7
 """Beads times steps of one block, two to four seconds."""
@@ -102,7 +106,10 @@ def force_extension(
         Runs the blocks instead, on this machine or others: of any kind whose workers are processes of one thread each,
         such as `dask.distributed.Client.get_executor()` or `mpi4py.futures.MPIPoolExecutor()`. It is left open.
     platform : str
-        Reference, by default: for chains of this size one process a core beats every platform's own threads.
+        Reference, by default: for chains of this size one process a core beats every platform's own threads. On CUDA,
+        HIP and OpenCL the whole curve is one Context: all replicas of all forces in one System, each chain with its own
+        time step and friction, and more replicas where more steps are needed. Neither `processes` nor `executor` go
+        with it, and a chain that diverges ends the whole curve.
     trajectories : mapping of int to path, optional
         Indices into `forces`, and the DCD to write the samples of the first replica to, with its PDB and sidecar.
     overwrite : bool
@@ -138,7 +145,7 @@ def force_extension(
     BrokenExecutor
         If a worker process is killed, and the executor does not start its block again as Dask does.
     DivergedError
-        If at every force a coordinate is not finite, or a run far hotter than its thermostat.
+        If at every force a coordinate is not finite, or a run far hotter than its thermostat; in one Context, if at any.
 
     Warns
     -----
@@ -159,10 +166,7 @@ def force_extension(
     check.one_of("dimension", dimension, (2, 3))
     names = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
     check.one_of("platform", platform, names)
-    if executor is not None and processes is not None:
-        raise ValueError(
-            "Argument `processes` must be left out where there is an `executor`, which has its own workers."
-        )
+    _check_workers(platform, executor, processes)
     workers = available_workers(processes)
     paths = {check.integer("trajectories", i, low=0, high=len(values) - 1): p for i, p in (trajectories or {}).items()}
     if len({os.path.abspath(path) for path in paths.values()}) < len(paths):
@@ -170,11 +174,11 @@ def force_extension(
             f"Argument `trajectories` must name a file for each force, but names one twice: {trajectories}."
         )
 
+    if executor is not None:
+        check_executor(executor)
     meter = Meter(values.tolist(), progress)
     plans = plan_curve(chain, values, kelvin, wanted, dimension, timestep, meter.chosen)
     files = tuple(os.path.abspath(path) for path in paths.values())
-    if executor is not None:
-        check_executor(executor)
     with ExitStack() as opened:
         store = None
         if checkpoint is not None:
@@ -182,33 +186,47 @@ def force_extension(
             arguments = fingerprint(chain, plans, kelvin, timestep, paths, **others)
             store = opened.enter_context(closing(Checkpoint(checkpoint, arguments, files)))
         old = store.files if store is not None else ()
-        points = _points(plans, kelvin, seed, dimension, platform)
+        wide = platform in GPUS
+        points = (wide_points if wide else _points)(plans, kelvin, dimension, seed, platform)
         for i, path in paths.items():
             writer = TrajectoryWriter(plans[i].model, path, overwrite=overwrite or os.path.abspath(path) in old)
             points[i].writer = opened.enter_context(closing(writer))
             points[i].runs[0].block = replace(points[i].runs[0].block, keep_frames=True)
-        interrupted = _sample(points, executor or workers, store, meter)
+        interrupted = (
+            sample_wide(points, seed, store, meter) if wide else _sample(points, executor or workers, store, meter)
+        )
     failures = [(point.force, point.failure) for point in points if point.failure is not None]
     if len(failures) == len(points):
         raise failures[0][1]
     for force, error in failures:
         warnings.warn(f"The run at {force:.6g} pN is given up: {error}", stacklevel=2)
     if not interrupted and (apart := [point for point in points if point.finished and point.is_apart]):
-        _tell_of(apart, "the estimate and its error rest on where they began")
+        tell_of(apart, "the estimate and its error rest on where they began")
     return dataset(
         points,
         kelvin=kelvin,
         dimension=dimension,
         attributes={
             "seed": seed,
-            "chains": GROUPS * REPLICAS,
+            "chains": [p.runs[0].block.replicas for p in points] if wide else GROUPS * REPLICAS,
             "platform": platform,
             "interrupted": int(interrupted),
         },
     )
 
 
-def _points(plans: Sequence[Plan], kelvin: float, seed: int, dimension: int, platform: str) -> list[_Point]:
+def _check_workers(platform: str, executor: Executor | None, processes: int | None) -> None:
+    if platform in GPUS and (executor is not None or processes is not None):
+        raise ValueError(
+            f"Arguments `executor` and `processes` must be left out on {platform}, where the whole curve is one Context."
+        )
+    if executor is not None and processes is not None:
+        raise ValueError(
+            "Argument `processes` must be left out where there is an `executor`, which has its own workers."
+        )
+
+
+def _points(plans: Sequence[Plan], kelvin: float, dimension: int, seed: int, platform: str) -> list[_Point]:
     points = []
     for plan, seeds in zip(plans, np.random.SeedSequence(seed).spawn(len(plans)), strict=True):
         numbers = [int(child.generate_state(1)[0]) % (2**31 - 1) + 1 for child in seeds.spawn(GROUPS)]
@@ -217,123 +235,70 @@ def _points(plans: Sequence[Plan], kelvin: float, seed: int, dimension: int, pla
     return points
 
 
-def _tell_of(apart: Sequence[_Point], consequence: str) -> None:
-    """Warn of forces whose chains stay in separate shapes."""
-    named = ", ".join(f"{point.force:.6g} pN (R-hat {point.r_hat:.3f})" for point in apart)
-    warnings.warn(f"Chains stay in shapes of their own at {named}: {consequence}.", stacklevel=3)
-    for point in apart:
-        point.told = True
-
-
 def _sample(points: Sequence[_Point], workers: Executor | int, store: Checkpoint | None, meter: Meter) -> bool:
     """Run all points to their errors, from where the checkpoint has them; whether it was interrupted."""
-    due, last = _restored(points, store)
+    due, last = restored(points, store)
     meter.begin(points, last)
     if not due:
         return False
-    pending: dict[Future[BlockResult], tuple[_Point, _Run]] = {}
-    with (
-        nullcontext(workers)
-        if isinstance(workers, Executor)
-        else ProcessPoolExecutor(workers, **worker_options()) as pool
-    ):
+    executor: AbstractContextManager[Executor] = (
+        nullcontext(workers) if isinstance(workers, Executor) else ProcessPoolExecutor(workers, **worker_options())
+    )
+    with executor as pool:
 
-        def submit(point: _Point, run: _Run) -> None:
-            with main_hidden():
-                pending[pool.submit(run_block, run.next_block(_BLOCK_BEAD_STEPS))] = point, run
+        def submit(run: _Run) -> Future[BlockResult]:
+            with nullcontext() if pool is workers else main_hidden():
+                return pool.submit(run_block, run.next_block(_BLOCK_BEAD_STEPS))
 
+        pending: _Pending = {}
         try:
             for point, run in due:
-                submit(point, run)
+                pending[submit(run)] = point, run
             while pending:
                 for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                    if future not in pending:  # of a point given up while these results were gone through
-                        continue
-                    point, run = pending.pop(future)
-                    if (result := _outcome(future, point, store)) is None:
-                        _forget(point, pending)
-                    else:
-                        _keep(points, point, run, result, store)
-                        for again in point.due_after(run):
-                            submit(point, again)
-                        if point.is_stuck:
-                            _tell_of(
-                                [point], "the error falls only as fast as they change them, which may take very long"
-                            )
-                    meter.show(points, point)
+                    if future in pending:  # not of a point given up while these results were gone through
+                        point, run = pending.pop(future)
+                        pending |= {submit(again): (point, again) for again in _end(points, point, run, future, store)}
+                        _forget_failed(pending)
+                        meter.show(points, point)
         except KeyboardInterrupt:
             wait([future for future in pending if not future.cancel()])
             _harvest(points, pending, store)
             return True
-        except BaseException:
+        except (BrokenExecutor, CancelledError) as error:
+            raise BrokenExecutor(
+                f"The run has stopped: a worker process has ended, killed or out of memory, with its block.{intact(store)}"
+            ) from error
+        finally:
             for future in pending:
                 future.cancel()
-            raise
     return False
 
 
-def _restored(points: Sequence[_Point], store: Checkpoint | None) -> tuple[list[tuple[_Point, _Run]], _Point | None]:
-    """The runs that need a block, the heaviest points first, once all that the checkpoint has is taken; its last point.
-
-    Taking blocks in the order in which they ended makes the same rounds as when they ended.
-    """
-    due = {id(run): (point, run) for point in sorted(points, key=lambda p: -p.weight) for run in point.runs}
-    last = None
-    if store is None:
-        return list(due.values()), None
-    for i, j, result in store.stored():
-        point, run = points[i], points[i].runs[j]
-        if due.pop(id(run), None) is None:
-            raise ValueError(f"Argument `checkpoint` must hold the blocks of one call, but {store.path} does not.")
-        _take(point, run, result, store)
-        due |= {id(again): (point, again) for again in point.due_after(run)}
-        last = point
-    return sorted(due.values(), key=lambda pair: -pair[0].weight), last
-
-
-def _outcome(future: Future[BlockResult], point: _Point, store: Checkpoint | None) -> BlockResult | None:
-    """The result of a block, or None if it diverged, which gives the point up."""
-    try:
-        return future.result()
-    except DivergedError as error:
+def _end(
+    points: Sequence[_Point], point: _Point, run: _Run, future: Future[BlockResult], store: Checkpoint | None
+) -> list[_Run]:
+    """Take the block that has ended; the runs that need another one now."""
+    if isinstance(error := future.exception(), DivergedError):
         point.fail(error)
-        return None
-    except (BrokenExecutor, CancelledError) as error:
-        kept = "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
-        raise BrokenExecutor(
-            f"The run has stopped: a worker process has ended, killed or out of memory, with its block.{kept}"
-        ) from error
+        return []
+    keep(points, point, run, future.result(), store)
+    due = point.due_after(run)
+    if point.is_stuck:
+        tell_of([point], "the error falls only as fast as they change them, which may take very long")
+    return due
 
 
-def _keep(points: Sequence[_Point], point: _Point, run: _Run, result: BlockResult, store: Checkpoint | None) -> None:
-    """Into the checkpoint first: what a trajectory holds can then be made again."""
-    if store is not None:
-        store.add(points.index(point), point.runs.index(run), result)
-    _take(point, run, result, store)
-
-
-def _take(point: _Point, run: _Run, result: BlockResult, store: Checkpoint | None) -> None:
-    try:
-        point.take(run, result)
-    except OSError as error:
-        assert point.writer is not None
-        kept = "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
-        raise OSError(
-            error.errno,
-            f"The run has stopped: its trajectory {point.writer.path} cannot be written ({error.strerror}).{kept}",
-        ) from error
-
-
-def _forget(point: _Point, pending: dict[Future[BlockResult], tuple[_Point, _Run]]) -> None:
-    """Drop the blocks of a point; one that a worker is at already runs to its end unheard."""
-    for future in [future for future, (other, _) in pending.items() if other is point]:
+def _forget_failed(pending: _Pending) -> None:
+    """Drop the blocks of points given up; one that a worker is at already runs to its end unheard."""
+    for future in [future for future, (point, _) in pending.items() if point.failure is not None]:
         future.cancel()
         del pending[future]
 
 
 def _harvest(
     points: Sequence[_Point],
-    pending: Mapping[Future[BlockResult], tuple[_Point, _Run]],
+    pending: _Pending,
     store: Checkpoint | None,
 ) -> None:
     """Take what the workers had still finished, and estimate from what there is."""
@@ -343,6 +308,6 @@ def _harvest(
         if isinstance(error := future.exception(), DivergedError):
             point.fail(error)
         elif error is None:
-            _keep(points, point, run, future.result(), store)
+            keep(points, point, run, future.result(), store)
     for point in points:
         point.stop()

@@ -7,11 +7,12 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
-from systems.scene import OutputError, fresh_folder
+from systems.scene import OutputError, checkpoint_of, fresh_folder, is_interrupted
 
 SYSTEMS = {
     "mass_spring": "masses on a stretched chain of springs, every line of their transverse motion",
@@ -43,7 +44,10 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; 0 if every exact check passed, 1 if one failed, 2 for bad arguments, 130 after Ctrl-C or SIGTERM."""
+    """Run the command line; 0 if every exact check passed, 1 if one failed, 2 for bad arguments, 130 after Ctrl-C or SIGTERM.
+
+    A file that cannot be written, and a worker that was killed, are 2 as well.
+    """
     given = sys.argv[1:] if arguments is None else arguments
     name = next((a for a in given if not a.startswith("-")), None)
     parser = argparse.ArgumentParser(
@@ -68,16 +72,23 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(given)
     if options.output is None:
         parser.error("Argument `--output` must name a folder for the results, but is missing.")
+    output = options.output.absolute()
+    replace = options.overwrite or (getattr(options, "resume", False) and is_interrupted(output))
     try:
-        with (
-            _terminated_as_interrupted(),
-            fresh_folder(options.output.absolute(), overwrite=options.overwrite) as draft,
-        ):
+        with _terminated_as_interrupted(), fresh_folder(output, overwrite=replace) as draft:
             code: int = system.run(draft.folder, quick=options.quick, seed=options.seed, options=options)
             place = draft.settle(complete=code == 0)
+            if code != 130 and hasattr(options, "resume"):
+                checkpoint_of(output).unlink(missing_ok=True)
     except OutputError as error:
         parser.error(str(error))
     except (ValueError, TypeError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"error: {error.strerror or error}", file=sys.stderr)
+        return 2
+    except BrokenExecutor as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

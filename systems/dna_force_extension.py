@@ -12,6 +12,7 @@ import csv
 import json
 import math
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,8 @@ from openmm_filament import wlc
 from openmm_filament.blocks import clamped_model
 from openmm_filament.discretisation import PN
 from openmm_filament.sampling import Progress as Report
-from systems.scene import Check, Summary
+from systems.cluster import dask_executor
+from systems.scene import Check, Summary, prepared_checkpoint
 
 if TYPE_CHECKING:
     import xarray
@@ -51,6 +53,21 @@ def options(parser: argparse._ArgumentGroup) -> None:
         "point seldom misses 1 and 3 %% by chance (0.06 with --quick)",
     )
     parser.add_argument("--processes", type=int, help="worker processes; by default one a core")
+    parser.add_argument(
+        "--platform",
+        default="Reference",
+        help="of OpenMM; on CUDA, HIP and OpenCL the whole curve is one Context (default Reference)",
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with a run that was ended, from the checkpoint beside its folder, with the same options",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of a Dask scheduler, whose workers of one thread each do the work; `local` starts one here",
+    )
     parser.add_argument("--all-trajectories", action="store_true", help="keep a trajectory at every force")
 
 
@@ -80,14 +97,23 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     paths = {SHOWN: folder / "trajectory.dcd"}
     if options.all_trajectories:
         paths |= {i: folder / f"trajectory_{force:.3g}pN.dcd" for i, force in enumerate(FORCES) if i != SHOWN}
-    with _Display(console) as display:
+    kept = prepared_checkpoint(options.output, resume=options.resume, overwrite=options.overwrite)
+    with ExitStack() as opened:
+        executor, processes = None, options.processes
+        if options.scheduler is not None:
+            executor = opened.enter_context(dask_executor(options.scheduler, processes))
+            processes = None if options.scheduler == "local" else processes
+        display = opened.enter_context(_Display(console))
         curve = of.force_extension(
             chain(),
             FORCES * unit.piconewton,
             TEMPERATURE * unit.kelvin,
             wanted,
             seed=seed,
-            processes=options.processes,
+            processes=processes,
+            executor=executor,
+            platform=options.platform,
+            checkpoint=kept,
             trajectories=paths,
             progress=display.show,
         )
@@ -121,6 +147,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         verdict = "[green]passed[/]" if check.passed else "[red]FAILED[/]"
         console.print(f"{verdict} {check.name}: {check.error:.3g} (at most {check.tolerance:.3g})", soft_wrap=True)
     if interrupted:
+        console.print("interrupted: the same command with --resume goes on", soft_wrap=True)
         return 130
     return 0 if summary.passed else 1
 
@@ -151,6 +178,9 @@ class _Display:
 
     def show(self, report: Report) -> None:
         """Move the bar to what the sampler reports."""
+        if not report.fraction:
+            self._bar.update(self._task, description=f"chains chosen for {report.chosen} of {len(FORCES)} forces")
+            return
         left = "" if math.isnan(report.seconds_left) else f"about {report.seconds_left:.0f} s left, "
         point = (
             ""

@@ -17,7 +17,16 @@ from typing import Any, Literal
 
 from openmm_filament import Model
 
-__all__ = ["Check", "Draft", "OutputError", "Summary", "fresh_folder"]
+__all__ = [
+    "Check",
+    "Draft",
+    "OutputError",
+    "Summary",
+    "checkpoint_of",
+    "fresh_folder",
+    "is_interrupted",
+    "prepared_checkpoint",
+]
 
 
 _RESULTS = frozenset({".json", ".csv", ".nc", ".png", ".pdb", ".dcd", ".jsonl", ".wav", ".mp4", ".gif"})
@@ -112,6 +121,43 @@ class Draft:
         return place
 
 
+def checkpoint_of(output: Path) -> Path:
+    """Where a run into this folder keeps its checkpoint: beside it, so that it outlives every draft."""
+    return output.absolute().with_name(f"{output.absolute().name}.checkpoint")
+
+
+def prepared_checkpoint(output: Path, *, resume: bool, overwrite: bool) -> Path:
+    """The checkpoint to go on from, or a new one.
+
+    Raises
+    ------
+    OutputError
+        If there is none to resume, or one that would be lost.
+    """
+    path = checkpoint_of(output)
+    if resume and not path.exists():
+        raise OutputError(
+            f"Argument `--resume` must find the checkpoint of a run that was ended, but there is no {path}."
+        )
+    if path.exists() and not resume:
+        if not overwrite:
+            raise OutputError(
+                f"Argument `--output` must not be that of a run that can go on, but {path} exists: pass --resume to go on, "
+                "or --overwrite to begin anew."
+            )
+        path.unlink()
+    return path
+
+
+def is_interrupted(output: Path) -> bool:
+    """Whether a folder holds the results of a run that was interrupted."""
+    try:
+        findings = json.loads((output / "summary.json").read_text())["findings"]
+    except (OSError, ValueError, KeyError):
+        return False
+    return bool(findings) and str(findings[0]).startswith("Interrupted")
+
+
 def _holds_anything(folder: Path) -> bool:
     return folder.is_dir() and any(folder.iterdir())
 
@@ -137,8 +183,10 @@ def fresh_folder(output: Path, *, overwrite: bool) -> Iterator[Draft]:
     if output.exists() and not output.is_dir():
         raise OutputError(f"Argument `--output` must be a folder, but {output} is a file.")
     if _holds_anything(output) and not overwrite:
+        goes_on = ", or --resume to go on with the run that was ended" if checkpoint_of(output).exists() else ""
         raise OutputError(
-            f"Argument `--output` must be empty or new, but {output} holds results: pass --overwrite to replace them."
+            f"Argument `--output` must be empty or new, but {output} holds results: pass --overwrite to replace "
+            f"them{goes_on}."
         )
     if _holds_anything(output) and not (output / "summary.json").exists():
         raise OutputError(

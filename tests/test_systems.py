@@ -283,8 +283,17 @@ def test_sigterm_ends_a_run_as_ctrl_c_does_and_a_killed_one_is_tidied_up(tmp_pat
     """With its workers, which are gone soon after; what is done stands in the folder."""
     output = tmp_path / "out"
 
-    def begin() -> tuple[subprocess.Popen[str], list[int]]:
-        arguments = ["dna_force_extension", "--output", str(output), "--relative-error", "0.004", "--processes", "1"]
+    def begin(*more: str) -> tuple[subprocess.Popen[str], list[int]]:
+        arguments = [
+            "dna_force_extension",
+            "--output",
+            str(output),
+            "--relative-error",
+            "0.004",
+            "--processes",
+            "1",
+            *more,
+        ]
         run = subprocess.Popen(
             [sys.executable, "-m", "systems", *arguments],
             cwd=ROOT,
@@ -316,7 +325,7 @@ def test_sigterm_ends_a_run_as_ctrl_c_does_and_a_killed_one_is_tidied_up(tmp_pat
     assert end(run, signal.SIGKILL, workers) == -signal.SIGKILL
     assert len(drafts()) == 1
     stale = drafts()[0]
-    run, workers = begin()
+    run, workers = begin(*["--resume"] * (tmp_path / "out.checkpoint").exists())
     assert not stale.exists()
     assert end(run, signal.SIGTERM, workers) == 130
     assert not drafts()

@@ -1,0 +1,72 @@
+"""Blocks as they end: into the checkpoint, the trajectories and the estimates; and out of the checkpoint again."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+from openmm_filament.blocks import BlockResult
+from openmm_filament.checkpoints import Checkpoint
+from openmm_filament.points import Point, Run
+
+__all__ = ["intact", "keep", "restored", "take_all", "tell_of"]
+
+
+def restored(points: Sequence[Point], store: Checkpoint | None) -> tuple[list[tuple[Point, Run]], Point | None]:
+    """The runs that need a block, the heaviest points first, once all that the checkpoint has is taken; its last point.
+
+    Taking blocks in the order in which they ended makes the same rounds as when they ended.
+    """
+    due = {id(run): (point, run) for point in sorted(points, key=lambda p: -p.weight) for run in point.runs}
+    last = None
+    if store is None:
+        return list(due.values()), None
+    for i, j, result in store.stored():
+        point, run = points[i], points[i].runs[j]
+        if due.pop(id(run), None) is None:
+            raise ValueError(f"Argument `checkpoint` must hold the blocks of one call, but {store.path} does not.")
+        _take(point, run, result, store)
+        due |= {id(again): (point, again) for again in point.due_after(run)}
+        last = point
+    return sorted(due.values(), key=lambda pair: -pair[0].weight), last
+
+
+def keep(points: Sequence[Point], point: Point, run: Run, result: BlockResult, store: Checkpoint | None) -> None:
+    """Into the checkpoint first: what a trajectory holds can then be made again."""
+    if store is not None:
+        store.add(points.index(point), point.runs.index(run), result)
+    _take(point, run, result, store)
+
+
+def _take(point: Point, run: Run, result: BlockResult, store: Checkpoint | None) -> None:
+    try:
+        point.take(run, result)
+    except OSError as error:
+        assert point.writer is not None
+        raise OSError(
+            error.errno,
+            f"The run has stopped: its trajectory {point.writer.path} cannot be written ({error.strerror}).{intact(store)}",
+        ) from error
+
+
+def take_all(points: Sequence[Point], results: Sequence[BlockResult], store: Checkpoint | None) -> None:
+    """What the points of one Context have sampled; those that are finished take no more."""
+    for point, result in zip(points, results, strict=True):
+        run = point.runs[0]
+        if not point.finished:
+            _take(point, run, replace(result, checkpoint=b""), store)
+            point.due_after(run)
+
+
+def intact(store: Checkpoint | None) -> str:
+    """What an error says of the checkpoint, if there is one."""
+    return "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
+
+
+def tell_of(apart: Sequence[Point], consequence: str) -> None:
+    """Warn of forces whose chains stay in separate shapes."""
+    named = ", ".join(f"{point.force:.6g} pN (R-hat {point.r_hat:.3f})" for point in apart)
+    warnings.warn(f"Chains stay in shapes of their own at {named}: {consequence}.", stacklevel=3)
+    for point in apart:
+        point.told = True

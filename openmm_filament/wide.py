@@ -1,0 +1,272 @@
+"""A whole force-extension curve in one Context, for a GPU: every replica of every force in one System.
+
+Each chain keeps the time step and friction of its own plan: one step of the integrator is a step of `timestep` of its own
+for every chain, as chains do not interact. The scheme is LangevinMiddle's (Zhang et al., J. Phys. Chem. A 2019). There are
+as many replicas of a force as let all forces come to their errors at about the same time.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+from openmm import unit
+
+from openmm_filament import units
+from openmm_filament.blocks import BlockResult, clamped_model, clamps
+from openmm_filament.checkpoints import Checkpoint
+from openmm_filament.discretisation import FEWEST_SAMPLES, exact_chain
+from openmm_filament.divergence import check_heat, diagnose
+from openmm_filament.keeping import take_all, tell_of
+from openmm_filament.model import Model, build
+from openmm_filament.planning import Plan
+from openmm_filament.platforms import platform_properties
+from openmm_filament.points import Point, Run
+from openmm_filament.progress import Meter
+from openmm_filament.starts import equilibrium_starts
+
+__all__ = ["GPUS", "WideRun", "replicas", "sample_wide", "wide_points"]
+
+Array = NDArray[np.float64]
+
+GPUS = ("CUDA", "HIP", "OpenCL")
+"""Platforms on which a curve is one Context: there many small ones would wait for one another."""
+
+_BEADS = 20_000
+"""Beads in the System, enough to occupy a GPU."""
+
+_FEWEST = 8
+"""Replicas of a force."""
+
+_FIRST_ROUND = 60
+"""Samples a chain in the first round: twelve relaxation times, as many short chains would not tell their own error."""
+
+_BLOCK_BEAD_STEPS = 2e8
+"""Beads times steps between two looks at the heat, and records in the checkpoint, at most."""
+
+
+def replicas(plans: Sequence[Plan], kelvin: float, dimension: int) -> list[int]:
+    """How many replicas of each force to run: in proportion to the steps that one would need, as far as that is known."""
+    needs = np.array([_need(plan, kelvin, dimension) for plan in plans])
+    needs[np.isnan(needs)] = np.nanmean(needs) if np.isfinite(needs).any() else 1.0
+    beads = np.array([len(plan.filament) for plan in plans])
+    counts: Array = np.maximum(np.round(needs * _BEADS / (needs @ beads)), _FEWEST)
+    return [int(count) for count in counts]
+
+
+def _need(plan: Plan, kelvin: float, dimension: int) -> float:
+    """Steps to the wanted error, up to a factor: independent samples by the exact fluctuation, `k_B T dz/dF`."""
+    exact = exact_chain(plan.filament, kelvin * unit.kelvin)
+    if exact is None:
+        return math.nan
+    low, here, high = (float(exact.extension(plan.force * factor, dimension)) for factor in (0.99, 1.0, 1.01))
+    variance = exact.kT * (high - low) / (0.02 * plan.force) / here**2
+    samples = variance * (2 / (plan.relative_error - abs(plan.bias))) ** 2
+    return max(samples, FEWEST_SAMPLES) * plan.stride
+
+
+def wide_points(plans: Sequence[Plan], kelvin: float, dimension: int, seed: int, platform: str) -> list[Point]:
+    """The points of a curve in one Context: a run each, all with the same warm-up and strides that are multiples."""
+    tick = min(plan.stride for plan in plans)
+    warm_up = max(plan.warm_up for plan in plans)
+    points = []
+    for plan, count in zip(plans, replicas(plans, kelvin, dimension), strict=True):
+        block = replace(
+            plan.block(seed, kelvin, dimension, platform),
+            replicas=count,
+            stride=max(1, round(plan.stride / tick)) * tick,
+            warm_up=warm_up,
+        )
+        points.append(Point(plan.force, plan.relative_error, plan.bias, [Run(block, _FIRST_ROUND)]))
+    return points
+
+
+class WideRun:
+    """The Context of all points, from its starts or from the end of an earlier run of the same points."""
+
+    def __init__(self, points: Sequence[Point], seed: int, checkpoint: bytes | None = None) -> None:
+        self._blocks = [point.runs[0].block for point in points]
+        first = self._blocks[0]
+        self._kelvin, self._axis = first.temperature, 2 if first.dimension == 3 else 0
+        self.tick = min(block.stride for block in self._blocks)
+        self._every = [block.stride // self.tick for block in self._blocks]
+        self._model = _model(points)
+        scale = self._model.scale
+        self._heat = self._kelvin / scale.factor("temperature")
+        self._integrator = _integrator(self._model, points, self._heat, seed)
+        properties = platform_properties(self._model, first.platform, self._kelvin * unit.kelvin)
+        platform = mm.Platform.getPlatformByName(first.platform)
+        self._context = mm.Context(self._model.system, self._integrator, platform, properties)
+        counts = np.array([block.replicas for block in self._blocks])
+        self._chains = np.concatenate([[0], np.cumsum(counts)])
+        # a trajectory counts in the units of its own chain
+        self._to_frame = [
+            scale.length / clamped_model(block.filament, block.force, block.dimension, 1).scale.length
+            for block in self._blocks
+        ]
+        if checkpoint is not None:
+            self._context.loadCheckpoint(checkpoint)
+            self._starts: list[NDArray[np.float32] | None] = [None] * len(points)
+            self._good = self._state()
+        else:
+            self._begin(seed)
+        self._ticks = (self._good[2] - first.warm_up) // self.tick
+
+    @property
+    def weight(self) -> float:
+        """Beads times steps of one tick."""
+        return float(self._model.starts[-1] * self.tick)
+
+    def most_ticks(self) -> int:
+        """Ticks of one record at most."""
+        return max(1, int(_BLOCK_BEAD_STEPS / self.weight))
+
+    def ticks_to(self, points: Iterable[Point]) -> int:
+        """Ticks until the first of the points that are not finished has the samples it wants, or a record is due."""
+        left = [
+            (point.runs[0].wanted - point.runs[0].done) * every - self._ticks % every
+            for point, every in zip(points, self._every, strict=True)
+            if not point.finished
+        ]
+        return max(1, min(*left, self.most_ticks()) if left else 1)
+
+    def advance(self, ticks: int) -> list[BlockResult]:
+        """So many ticks; what each point has sampled, the last with the checkpoint at the end.
+
+        Raises DivergedError, for all points at once.
+        """
+        begun = time.perf_counter()
+        first, last = self._model.starts[:-1], self._model.starts[1:] - 1
+        extensions = np.empty((len(first), ticks))
+        frames: list[list[NDArray[np.float32]]] = [[] for _ in self._blocks]
+        length = self._model.scale.length
+        for column in range(ticks):
+            self._integrator.step(self.tick)
+            state = self._context.getState(positions=True)
+            positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
+            self._refuse_infinite(positions)
+            extensions[:, column] = (positions[last, self._axis] - positions[first, self._axis]) * length
+            for i, block in enumerate(self._blocks):
+                if block.keep_frames and not (self._ticks + column + 1) % self._every[i]:
+                    frames[i].append(self._first_replica(positions, i))
+        self._good = self._state()
+        check_heat(self._model, self._good[0], self._good[1], self._heat, self._good[2])
+        results = []
+        numbers = self._ticks + 1 + np.arange(ticks)
+        for i, block in enumerate(self._blocks):
+            own = extensions[self._chains[i] : self._chains[i + 1], numbers % self._every[i] == 0]
+            kept = np.array(frames[i], dtype=np.float32).reshape(-1, len(block.filament), 3)
+            results.append(BlockResult(own, self._starts[i], kept if block.keep_frames else None, b"", 0.0))
+        self._ticks += ticks
+        self._starts = [None] * len(self._blocks)
+        results[-1] = replace(
+            results[-1], checkpoint=self._context.createCheckpoint(), seconds=time.perf_counter() - begun
+        )
+        return results
+
+    def _begin(self, seed: int) -> None:
+        """Shapes drawn from equilibrium, and the warm-up."""
+        shapes = []
+        for block, child in zip(self._blocks, np.random.SeedSequence(seed).spawn(len(self._blocks)), strict=True):
+            rng = np.random.default_rng(child)
+            starts = equilibrium_starts(
+                block.filament, block.force, block.temperature, block.replicas, rng, block.dimension
+            )
+            shapes.append(starts.reshape(-1, 3))
+        self._context.setPositions(np.concatenate(shapes) / self._model.scale.length)
+        self._context.setVelocitiesToTemperature(self._heat, seed % (2**31 - 1) + 1)
+        self._good = self._state()
+        self._starts = [
+            self._first_replica(self._good[0], i) if block.keep_frames else None for i, block in enumerate(self._blocks)
+        ]
+        self._integrator.step(self._blocks[0].warm_up)
+        self._refuse_infinite(self._state()[0])
+        self._good = self._state()
+
+    def _first_replica(self, positions: Array, point: int) -> NDArray[np.float32]:
+        begin = int(self._model.starts[self._chains[point]])
+        chain = positions[begin : begin + len(self._blocks[point].filament)]
+        return np.asarray(chain * self._to_frame[point], dtype=np.float32)
+
+    def _state(self) -> tuple[Array, Array, int]:
+        state = self._context.getState(positions=True, velocities=True)
+        return (
+            units.numbers("positions", state.getPositions(asNumpy=True), "length"),
+            units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity"),
+            self._context.getStepCount(),
+        )
+
+    def _refuse_infinite(self, positions: Array) -> None:
+        if not np.isfinite(positions).all():
+            raise diagnose(self._model, self._context, positions, self._context.getStepCount(), self._good)
+
+
+def _model(points: Sequence[Point]) -> Model:
+    blocks = [point.runs[0].block for point in points]
+    filaments = [block.filament for block in blocks for _ in range(block.replicas)]
+    loads = [clamps(block.force, block.dimension) for block in blocks for _ in range(block.replicas)]
+    return build(filaments, loads)
+
+
+def _integrator(model: Model, points: Sequence[Point], heat: float, seed: int) -> mm.CustomIntegrator:
+    """LangevinMiddle's steps with a time step and a friction for each degree of freedom; those frozen have no step."""
+    scale, columns = model.scale, []
+    blocks = [point.runs[0].block for point in points]
+    shortest = min(block.timestep for block in blocks)
+    for block in blocks:
+        keep = math.exp(-block.friction * block.timestep)
+        noise = math.sqrt((1 - keep**2) * units.BOLTZMANN * heat)
+        beads = block.replicas * len(block.filament)
+        columns.append(np.tile([block.timestep / shortest, keep, noise], (beads, 1)))
+    values = np.concatenate(columns)
+    values[:, 2] /= np.sqrt(model.masses)
+    integrator = mm.CustomIntegrator(shortest / scale.factor("time"))
+    for i, name in enumerate(("own", "keep", "noise")):
+        each = np.repeat(values[:, i : i + 1], 3, axis=1)
+        if model.planar:
+            each[:, 2] = 0.0
+        integrator.addPerDofVariable(name, 0.0)
+        integrator.setPerDofVariableByName(name, [mm.Vec3(*row) for row in each.tolist()])
+    integrator.addUpdateContextState()
+    integrator.addComputePerDof("v", "v+own*dt*f/m")
+    integrator.addComputePerDof("x", "x+0.5*own*dt*v")
+    integrator.addComputePerDof("v", "keep*v+noise*gaussian")
+    integrator.addComputePerDof("x", "x+0.5*own*dt*v")
+    integrator.setRandomNumberSeed(seed % (2**31 - 1) + 1)
+    return integrator
+
+
+def sample_wide(points: Sequence[Point], seed: int, store: Checkpoint | None, meter: Meter) -> bool:
+    """Run all points to their errors in one Context, from where the checkpoint has them; whether it was interrupted."""
+    saved, last = None, None
+    group: list[BlockResult] = []
+    for i, _, result in () if store is None else store.stored():
+        group = [*(group if i else []), result]  # an end may have cut a group off
+        if len(group) == len(points):
+            take_all(points, group, store)
+            saved, last = result.checkpoint, points[-1]
+    meter.begin(points, last)
+    try:
+        if all(point.finished for point in points):
+            return False
+        run = WideRun(points, seed, saved)
+        while not all(point.finished for point in points):
+            results = run.advance(run.ticks_to(points))
+            if store is not None:
+                for i, result in enumerate(results):
+                    store.add(i, 0, result)
+            take_all(points, results, store)
+            for point in points:
+                if point.is_stuck:
+                    tell_of([point], "the error falls only as fast as they change them, which may take very long")
+            meter.show(points, min(points, key=lambda p: (p.finished, p.runs[0].done / p.expected())))
+    except KeyboardInterrupt:
+        for point in points:
+            point.stop()
+        return True
+    return False

@@ -1,0 +1,164 @@
+"""A whole curve in one Context: the exact answers, on OpenCL where there is one, and going on from a checkpoint."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import openmm as mm
+import pytest
+import tolerances as tol
+from openmm import unit
+from scipy.stats import chi2
+from test_resume import Killed, killed_after, same, same_files
+from test_sampling import CURVES, NM, PN, WARM, exact, filament
+
+import openmm_filament as of
+from openmm_filament import sampling, wide, wlc
+from openmm_filament.divergence import DivergedError
+from openmm_filament.planning import plan_curve
+from openmm_filament.progress import Progress
+
+PLATFORMS = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
+
+
+def works(name: str) -> bool:
+    """Whether a Context can be made there: OpenMM's OpenCL plugin loads without any device."""
+    if name not in PLATFORMS:
+        return False
+    system = mm.System()
+    system.addParticle(1.0)
+    try:
+        mm.Context(system, mm.VerletIntegrator(0.001), mm.Platform.getPlatformByName(name))
+    except mm.OpenMMException:
+        return False
+    return True
+
+
+OPENCL = pytest.mark.skipif(not works("OpenCL"), reason="no OpenCL device")
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reference runs as a GPU does, and a System is small."""
+    monkeypatch.setattr(sampling, "GPUS", (*wide.GPUS, "Reference"))
+    monkeypatch.setattr(wide, "_BEADS", 400)
+
+
+def deviations(names: Any, relative_error: float, platform: str, **options: Any) -> np.ndarray:
+    found = []
+    for name in names:
+        chain, forces, dimension = CURVES[name]
+        curve = of.force_extension(
+            chain, forces * PN, WARM, relative_error, dimension=dimension, platform=platform, **options
+        )
+        assert curve.finished.all()
+        assert (2 * curve.extension_error <= relative_error * curve.extension * (1 + 1e-12)).all()
+        found.append((curve.extension.values - exact(chain, forces, dimension)) / curve.extension_error.values)
+    return np.concatenate(found)
+
+
+def test_all_forces_in_one_context_come_to_the_exact_chains() -> None:
+    z = deviations(["soft", "soft bonds", "planar cosine", "planar, bent"], 0.1, "Reference", seed=3)
+    assert np.abs(z).max() <= tol.SIGMAS
+    assert chi2.sf((z**2).sum(), len(z)) > tol.CHI_SQUARED
+    assert chi2.cdf((z**2).sum(), len(z)) > tol.CHI_SQUARED
+
+
+@OPENCL
+def test_opencl_comes_to_the_exact_chains_too() -> None:
+    z = deviations(["4 segments", "planar, bent"], 0.15, "OpenCL", seed=1)
+    assert np.abs(z).max() <= tol.SIGMAS
+
+
+@OPENCL
+@pytest.mark.slow
+def test_opencl_agrees_with_processes_on_a_wormlike_chain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And both with the continuous chain; forces over two decades, each with segments, step and friction of its own."""
+    chain, forces = of.WormlikeChain(300 * NM, 53 * NM, 1000 * PN), np.array([0.3, 3.0, 30.0])
+    one = of.force_extension(chain, forces * PN, WARM, 0.03, seed=1, platform="OpenCL")
+    monkeypatch.undo()
+    many = of.force_extension(chain, forces * PN, WARM, 0.03, seed=1)
+    kt = 298 * of.units.BOLTZMANN / 0.602214076
+    continuous = wlc.extension_exact(forces, 53.0, 300.0, kt, stretch_modulus=1000.0, finite=True)
+    for curve in (one, many):
+        assert (np.abs((curve.extension - curve.bias - continuous) / curve.extension_error) <= tol.SIGMAS).all()
+    both = np.hypot(one.extension_error, many.extension_error)
+    assert (np.abs(one.extension - many.extension) <= tol.SIGMAS * both).all()
+    np.testing.assert_array_equal(one.time_step, many.time_step)
+
+
+def test_replicas_follow_the_steps_that_a_force_needs() -> None:
+    plans = plan_curve(filament(10, alpha=3.0), np.array([0.5, 20.0]), 298.0, np.array([0.02, 0.02]), 3, None)
+    low, high = wide.replicas(plans, 298.0, 3)
+    assert low > high == wide._FEWEST
+    bare = of.Filament(filament(6).rest, 100 * unit.dalton, filament(6).terms[:1])
+    plans = plan_curve(bare, np.array([1.0, 2.0]), 298.0, np.array([0.02, 0.02]), 3, None)
+    assert len(set(wide.replicas(plans, 298.0, 3))) == 1  # no exact answer: alike
+
+
+@pytest.mark.parametrize("platform", ["Reference", pytest.param("OpenCL", marks=OPENCL)])
+def test_one_context_goes_on_from_its_checkpoint(
+    platform: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(wide, "_BLOCK_BEAD_STEPS", 1e5)
+
+    def sampled(name: str, **options: Any) -> Any:
+        paths = {0: tmp_path / f"{name}.dcd"}
+        return of.force_extension(
+            filament(6), [1.0, 8.0] * PN, WARM, 0.08, seed=2, platform=platform, trajectories=paths, **options
+        )
+
+    reports: list[Progress] = []
+    whole = sampled("whole", progress=reports.append)
+    assert [r.fraction for r in reports] == sorted(r.fraction for r in reports)
+    kept = tmp_path / "kept.checkpoint"
+    for blocks, torn in ((2, None), (5, 300)):  # of two records each: the second end is in the middle of one
+        with monkeypatch.context() as patch:
+            killed_after(patch, blocks, torn=torn)
+            with pytest.raises(Killed):
+                sampled("kept", checkpoint=kept)
+    curve = sampled("kept", checkpoint=kept)
+    if platform == "Reference":
+        same(curve, whole)
+        same_files(tmp_path, "kept", "whole")
+    else:
+        np.testing.assert_allclose(curve.extension, whole.extension, rtol=0.1)
+    times = of.load(tmp_path / "kept.dcd").time
+    np.testing.assert_allclose(np.diff(times[1:]), times[2] - times[1], rtol=1e-9)
+    curve.to_netcdf(tmp_path / "curve.nc", engine="scipy")
+
+
+def test_ctrl_c_keeps_what_one_context_has_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Progress] = []
+
+    def progress(report: Progress) -> None:
+        seen.append(report)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    curve = of.force_extension(filament(10), [0.3, 5.0] * PN, WARM, 0.01, seed=1, progress=progress)
+    assert curve.attrs["interrupted"] == 1
+    assert np.isfinite(curve.extension).all()
+
+
+def test_a_curve_that_diverges_in_one_context_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = wide._integrator
+
+    def hot(model: Any, points: Any, heat: float, seed: int) -> Any:
+        return real(model, points, 100 * heat, seed)
+
+    monkeypatch.setattr(wide, "_integrator", hot)
+    with warnings.catch_warnings(), pytest.raises(DivergedError, match="heated up to|diverged"):
+        warnings.simplefilter("ignore")
+        of.force_extension(filament(6), [1.0, 5.0] * PN, WARM, 0.1)
+
+
+@pytest.mark.parametrize("beside", [{"processes": 2}, {"executor": object()}])
+def test_workers_are_refused_beside_one_context(beside: dict[str, Any]) -> None:
+    with pytest.raises(
+        ValueError, match="`executor` and `processes` must be left out on Reference, where the whole curve"
+    ):
+        of.force_extension(filament(6), 1 * PN, WARM, 0.1, **beside)
