@@ -22,6 +22,7 @@ TERMS: tuple[Any, ...] = (
     stretching.Harmonic(500 * KJ / NM**2),
     bending.Harmonic(200 * KJ),
     bending.Cosine(200 * KJ),
+    bending.Harmonic(200 * KJ, form="arctangent"),
     torsion.Harmonic(100 * KJ),
     torsion.Periodic(100 * KJ, 3),
     torsion.Weighted(100 * KJ),
