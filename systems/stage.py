@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import openmm as mm
@@ -56,6 +57,7 @@ def wire(
     damping: float | Array | None = None,
     masses: Array | None = None,
     softer: float = 1.0,
+    form: Literal["arccosine", "arctangent"] = "arccosine",
 ) -> of.Filament:
     """A straight wire of circular section along z, in SI units: stretching and bending, no torsion.
 
@@ -68,6 +70,8 @@ def wire(
     softer : float
         What the stretching stiffness is divided by. Small transverse motion does not feel it, as long as the tension is
         the same, and the time step is longer by its square root.
+    form : "arccosine" or "arctangent"
+        Of `of.bending.Harmonic`: with the second a nearly straight wire keeps its energy.
     """
     step = length / segments
     section = math.pi * radius**2
@@ -78,7 +82,7 @@ def wire(
         (line_density * step if masses is None else masses) * unit.kilogram,
         (
             of.stretching.Harmonic(stretching * unit.newton / unit.meter),
-            of.bending.Harmonic(bending * unit.joule),
+            of.bending.Harmonic(bending * unit.joule, form=form),
         ),
         damping=None if damping is None else damping / unit.second,
     )

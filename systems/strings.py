@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import openmm as mm
@@ -81,6 +81,7 @@ def string(
     damping: float | Array | None = DAMPING,
     heavy: dict[int, float] | None = None,
     softer: float = SOFTER,
+    form: Literal["arccosine", "arctangent"] = "arccosine",
 ) -> of.Model:
     """The string in so many segments, with its ends held.
 
@@ -94,6 +95,8 @@ def string(
         What the masses of single beads are multiplied by.
     softer : float
         What the bonds' stiffness is divided by, at the same tension.
+    form : "arccosine" or "arctangent"
+        Of `of.bending.Harmonic`.
     """
     masses = np.full(segments + 1, DENSITY * LENGTH / segments)
     for bead, factor in (heavy or {}).items():
@@ -107,6 +110,7 @@ def string(
         damping=damping,
         masses=masses,
         softer=softer,
+        form=form,
     )
     held = [of.loads.Hold([0, -1]), of.loads.Tension(tension * unit.newton)]
     return of.build(filament, loads=[*held, *(pluck.load() for pluck in plucks)])
