@@ -15,7 +15,7 @@ from openmm_filament import analysis
 from systems import stage, strings
 from systems.strings import Pluck
 
-__all__ = ["CASES", "LINES", "Case", "Modes", "Playing", "exact", "matrices", "play"]
+__all__ = ["CASES", "LINES", "SOFTER", "Case", "Modes", "Playing", "exact", "matrices", "play"]
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,9 @@ SEGMENTS = 210
 HEAVIER = 40.0
 HEAVY_MASS = (HEAVIER - 1) * strings.DENSITY * strings.LENGTH / SEGMENTS
 """kg, added to a bead: it becomes 40 times as heavy as the others of 210 segments."""
+
+SOFTER = 160.0
+"""What the bonds' stiffness is divided by: with 210 segments it is bending then that limits the time step."""
 
 LINES = 20
 _FITTED = 26
@@ -68,12 +71,26 @@ class Case:
         rates[self.heavy(segments)] = self.damping
         return rates
 
-    def model(self, segments: int) -> of.Model:
-        """The string, plucked near L/4 in x (0.01 N) and near L/30, a node of none of its lines, in y (0.1 N)."""
+    def factors(self, segments: int) -> dict[int, float]:
+        """What the masses of the heavy beads are multiplied by."""
         plain = strings.DENSITY * strings.LENGTH / segments
-        heavy = dict.fromkeys(self.heavy(segments), 1 + HEAVY_MASS / plain)
-        plucks = [Pluck(round(segments / 4), 0.01, 0), Pluck(round(segments / 30), 0.1, 1)]
-        return strings.string(segments, plucks, damping=self.rates(segments), heavy=heavy)
+        return dict.fromkeys(self.heavy(segments), 1 + HEAVY_MASS / plain)
+
+    @property
+    def alike(self) -> bool:
+        """Whether all beads are damped alike."""
+        return self.damping == strings.DAMPING
+
+    def model(self, segments: int, *, weaker: float = 1.0) -> of.Model:
+        """The string, plucked near L/4 in x (0.01 N) and near L/30, a node of none of its lines, in y (0.1 N).
+
+        Both plucks are divided by `weaker`.
+        """
+        places = (round(segments / 4), 0.01, 0), (round(segments / 30), 0.1, 1)
+        plucks = [Pluck(bead, force / weaker, direction) for bead, force, direction in places]
+        return strings.string(
+            segments, plucks, damping=self.rates(segments), heavy=self.factors(segments), softer=SOFTER
+        )
 
 
 _TWO = (Fraction(2, 5), Fraction(2, 3))
@@ -115,14 +132,15 @@ class Modes:
 
 
 def exact(case: Case, segments: int, timestep: float, tension: float = strings.TENSION) -> Modes:
-    """All modes across the string, from its matrices."""
+    """All modes across the string, from its matrices, in rising order of their frequencies."""
     masses, rates = case.masses(segments)[1:-1], case.rates(segments)[1:-1]
     stiffness = matrices(segments, tension)
     squared, vectors = linalg.eigh(stiffness, np.diag(masses))
     size = len(masses)
     pull, drag = -stiffness / masses[:, None], -np.diag(rates)
     flow = np.block([[np.zeros((size, size)), np.eye(size)], [pull, drag]])
-    kick = np.block([[np.eye(size), np.zeros((size, size))], [timestep * pull, np.eye(size) + timestep * drag]])
+    felt = pull * (1 - strings.DAMPING * timestep / 2 if case.alike else 1.0)  # see stage.alike
+    kick = np.block([[np.eye(size), np.zeros((size, size))], [timestep * felt, np.eye(size) + timestep * drag]])
     drift = np.block([[np.eye(size), timestep * np.eye(size)], [np.zeros((size, size)), np.eye(size)]])
     smooth = linalg.eigvals(flow)
     steps = np.log(linalg.eigvals(drift @ kick)) / timestep
@@ -170,11 +188,13 @@ def play(
     rate: float,
     every: int,
     progress: Callable[[float], None] | None = None,
+    *,
     kept: float = 0.25,
+    weaker: float = 1.0,
 ) -> Playing:
-    """Pluck, run and fit."""
-    model, timestep = case.model(segments), 1 / (rate * every)
-    context = strings.start(model, rate, every)
+    """Pluck, `weaker` times more weakly, run and fit."""
+    model, timestep = case.model(segments, weaker=weaker), 1 / (rate * every)
+    context = strings.start(model, rate, every, alike=case.alike)
     modes = exact(case, segments, timestep)
     masses = case.masses(segments)
     shapes = modes.shapes[:_FITTED]
