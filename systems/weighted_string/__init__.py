@@ -48,23 +48,23 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     segments = (30 if quick else chain.SEGMENTS) if options.segments is None else options.segments
     if segments % 30 or segments < 30:
         raise ValueError(f"Argument `--segments` must be a multiple of 30, but is {segments}.")
-    rate, every = (6_000, 8) if quick else (24_000, 6)
+    rate, every = (6_000, 8) if quick else (24_000, 10)
     runs = []
     for case in CASES:
         with stage.progress(case.label) as show:
             runs.append(chain.play(case, segments, 2.02, rate, every, show))
     with stage.progress("what is not linear, and the energy") as show:
-        leftovers = [remainder.remainder(run) for run in runs]
+        leftovers = [remainder.remainder(run.case.name, run.sound, run.rate, run.modes) for run in runs]
         show(0.3)
-        weak = remainder.amplitudes(CASES[2])
+        why = remainder.causes(CASES[2])
         show(0.6)
-        kept = remainder.energy(CASES[1], *((30, 60_000) if quick else (60, 100_000)))
+        kept = remainder.energy(CASES[1], *((30, 40_000) if quick else (60, 100_000)))
     heard = [_sound(folder, run) for run in runs]
     _table(folder / "lines.csv", runs)
     figures.spectra(folder / "spectra.png", runs, leftovers)
     figures.decay(folder / "decay.png", runs)
     figures.shapes(folder / "shapes.png", runs)
-    findings = _findings(runs) + remainder.findings(leftovers, weak, kept) + _pictures(folder, runs[1], quick=quick)
+    findings = _findings(runs) + remainder.findings(leftovers, why, kept) + _pictures(folder, runs[1], quick=quick)
     return stage.close(
         folder,
         Summary(
@@ -84,10 +84,10 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
                 "heavy_bead_kg": float(CASES[0].masses(segments).max()),
                 "heavy_beads": {case.name: case.heavy(segments) for case in CASES},
                 "heavy_bead_damping_per_s": {case.name: case.damping for case in CASES},
-                "bonds_softer": chain.SOFTER,
+                "bonds_softer": strings.SOFTER,
                 "timestep_s": runs[0].timestep,
             },
-            checks=[*_checks(runs, heard), *remainder.checks(leftovers, weak, kept)],
+            checks=[*_checks(runs, heard), *remainder.checks(leftovers, why, kept)],
             findings=findings,
         ),
         Console(),

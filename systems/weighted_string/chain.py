@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,10 @@ from openmm_filament import analysis
 from systems import stage, strings
 from systems.strings import Pluck
 
-__all__ = ["CASES", "LINES", "SOFTER", "Case", "Modes", "Playing", "exact", "matrices", "play"]
+__all__ = ["CASES", "LINES", "Case", "Modes", "Playing", "exact", "matrices", "play", "sounding"]
 
 Array = NDArray[np.float64]
+Form = Literal["arccosine", "arctangent"]
 
 SEGMENTS = 210
 """209 moving beads, so that the middle, 2 L/5 and 2 L/3 are beads; the thesis's 200 have none there."""
@@ -25,9 +27,6 @@ SEGMENTS = 210
 HEAVIER = 40.0
 HEAVY_MASS = (HEAVIER - 1) * strings.DENSITY * strings.LENGTH / SEGMENTS
 """kg, added to a bead: it becomes 40 times as heavy as the others of 210 segments."""
-
-SOFTER = 160.0
-"""What the bonds' stiffness is divided by: with 210 segments it is bending then that limits the time step."""
 
 LINES = 20
 _FITTED = 26
@@ -81,15 +80,24 @@ class Case:
         """Whether all beads are damped alike."""
         return self.damping == strings.DAMPING
 
-    def model(self, segments: int, *, weaker: float = 1.0) -> of.Model:
-        """The string, plucked near L/4 in x (0.01 N) and near L/30, a node of none of its lines, in y (0.1 N).
+    @property
+    def form(self) -> Form:
+        """Of the bending: hard damping leaves bends so small that OpenMM's arccosine disturbs them."""
+        return "arccosine" if self.alike else "arctangent"
 
-        Both plucks are divided by `weaker`.
+    def model(self, segments: int, *, weaker: float = 1.0, form: Form | None = None) -> of.Model:
+        """The string, plucked near L/4 in x (0.01 N) and near L/30, a node of none of its lines, in y (0.05 N).
+
+        Both plucks are divided by `weaker`; `form` is that of the bending, by default the case's.
         """
-        places = (round(segments / 4), 0.01, 0), (round(segments / 30), 0.1, 1)
+        places = (round(segments / 4), 0.01, 0), (round(segments / 30), 0.05, 1)
         plucks = [Pluck(bead, force / weaker, direction) for bead, force, direction in places]
         return strings.string(
-            segments, plucks, damping=self.rates(segments), heavy=self.factors(segments), softer=SOFTER
+            segments,
+            plucks,
+            damping=self.rates(segments),
+            heavy=self.factors(segments),
+            form=form or self.form,
         )
 
 
@@ -188,12 +196,10 @@ def play(
     rate: float,
     every: int,
     progress: Callable[[float], None] | None = None,
-    *,
     kept: float = 0.25,
-    weaker: float = 1.0,
 ) -> Playing:
-    """Pluck, `weaker` times more weakly, run and fit."""
-    model, timestep = case.model(segments, weaker=weaker), 1 / (rate * every)
+    """Pluck, run and fit."""
+    model, timestep = case.model(segments), 1 / (rate * every)
     context = strings.start(model, rate, every, alike=case.alike)
     modes = exact(case, segments, timestep)
     masses = case.masses(segments)
@@ -224,6 +230,15 @@ def play(
         sound,
         beads,
     )
+
+
+def sounding(
+    case: Case, segments: int, seconds: float, rate: float, every: int, *, weaker: float, form: Form
+) -> tuple[Array, Modes]:
+    """The sound after the pluck, as in `Playing`, and the exact modes; for `weaker` and `form` see `Case.model`."""
+    context = strings.start(model := case.model(segments, weaker=weaker, form=form), rate, every)
+    motion = of.record(model, context, round(seconds * rate), every, observe=lambda x: x[1:-1, 0].mean())
+    return stage.metres(motion.values)[strings.released(motion)], exact(case, segments, 1 / (rate * every))
 
 
 def _fit(motion: Array, rate: float) -> analysis.DampedSinusoids:

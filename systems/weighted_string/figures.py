@@ -37,7 +37,7 @@ def spectra(path: Path, runs: Sequence[Playing], leftovers: Sequence[Remainder])
         ax.set(ylabel="amplitude / largest", title=run.case.label, xlim=(0, 1.03 * exact[-1]), ylim=(_FAINTEST, 2))
     axes[0].legend(loc="upper right", fontsize=8, ncols=2)
     axes[-1].set_xlabel("frequency (Hz)")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=110)
 
 
 def decay(path: Path, runs: Sequence[Playing]) -> None:
@@ -58,7 +58,7 @@ def decay(path: Path, runs: Sequence[Playing]) -> None:
         title="Heavy beads damped harder: low modes, which move them, decay faster",
     )
     ax.legend(fontsize=9)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=110)
 
 
 def shapes(path: Path, runs: Sequence[Playing]) -> None:
@@ -85,4 +85,4 @@ def shapes(path: Path, runs: Sequence[Playing]) -> None:
         row[1].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     for ax in axes[1]:
         ax.set_xlabel("position along the string (mm)")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=110)
