@@ -29,7 +29,6 @@ __all__ = [
     "alike",
     "close",
     "context",
-    "energy_slope",
     "metres",
     "progress",
     "seconds",
@@ -120,18 +119,6 @@ def seconds(motion: Motion) -> Array:
 def metres(values: Array) -> Array:
     """Lengths in nm, as `record` gives them, in m."""
     return values * 1e-9
-
-
-def energy_slope(energies: Array, steps: Array, *, blocks: int = 20) -> tuple[float, float]:
-    """Slope of a total energy (T,) over the `steps` (T,) at which it was taken: of its mean, per 10^6 steps.
-
-    A straight line through the means of `blocks` blocks, which average over the oscillations, and its standard error
-    from their scatter.
-    """
-    kept = len(energies) // blocks * blocks
-    means = np.stack([np.asarray(v[:kept]).reshape(blocks, -1).mean(axis=1) for v in (steps, energies)])
-    line, covariance = np.polyfit(means[0] / 1e6, means[1] / means[1].mean(), 1, cov=True)
-    return float(line[0]), float(math.sqrt(covariance[0, 0]))
 
 
 @contextmanager

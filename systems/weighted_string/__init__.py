@@ -120,10 +120,10 @@ def _table(path: Path, runs: Sequence[Playing]) -> None:
                 table.writerow([run.case.name, k + 1, *(f"{value:.10g}" for value in row)])
 
 
-def _worst(name: str, found: np.ndarray, exact: np.ndarray, tolerance: float) -> Check:
+def _worst(name: str, found: np.ndarray, exact: np.ndarray, tolerance: float, unit: str = "Hz") -> Check:
     error = np.abs(found / exact - 1)
     i = int(np.argmax(error))
-    return Check(f"{name} (worst: line {i + 1})", "exact", found[i], exact[i], float(error[i]), float(tolerance))
+    return Check(f"{name} (worst: line {i + 1})", "exact", found[i], exact[i], float(error[i]), float(tolerance), unit)
 
 
 def _checks(runs: Sequence[Playing], heard: Sequence[float]) -> list[Check]:
@@ -147,7 +147,7 @@ def _checks(runs: Sequence[Playing], heard: Sequence[float]) -> list[Check]:
                 modes.frequencies[:LINES],
                 1.2 * steps,
             ),
-            _worst(f"({name}) decay rates in 1/s", run.decay_rates, modes.decay_rates[:LINES], 2e-2),
+            _worst(f"({name}) decay rates in 1/s", run.decay_rates, modes.decay_rates[:LINES], 2e-2, "1/s"),
             Check(
                 f"({name}) strongest line of the sound file in Hz",
                 "exact",
@@ -155,6 +155,7 @@ def _checks(runs: Sequence[Playing], heard: Sequence[float]) -> list[Check]:
                 strongest,
                 abs(pitch / strongest - 1),
                 1e-3,
+                "Hz",
             ),
         ]
     segments = runs[0].beads.shape[1] - 1
@@ -215,6 +216,7 @@ def _damped(run: Playing) -> Check:
         found.decay_rates[across][: 2 * LINES : 2],
         modes.decay_rates[:LINES],
         1e-6,
+        "1/s",
     )
 
 

@@ -109,7 +109,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         *judgement.beam_checks({n: one.frequencies[:5] for n, one in coarse.items()}, limit),
         *judgement.third_checks(bars["tense"].frequencies, other.frequencies, segments["tense"], QUICK["tense"]),
         energy.check(steady),
-        Check("strongest line of the WAV file, Hz", "exact", heard, pitch, abs(heard / pitch - 1), judgement.TOLERANCE),
+        Check("strongest line of the WAV file, Hz", "exact", heard, pitch, abs(heard / pitch - 1), judgement.TOLERANCE, "Hz"),
     ]  # fmt: skip
     figures.frequencies(folder / "frequencies.png", {k: one.frequencies for k, one in bars.items()}, exact)
     drawn = {k: one.shapes[:5] for k, one in bars.items()}

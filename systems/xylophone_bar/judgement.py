@@ -60,7 +60,7 @@ def line_checks(
         for n in range(5):
             f, law = float(one.frequencies[n]), float(exact[kind][n])
             text = f"bar {name}: simulated line {n + 1} against the exact discrete chain, Hz"
-            checks.append(Check(text, "exact", f, law, abs(f / law - 1), TOLERANCE))
+            checks.append(Check(text, "exact", f, law, abs(f / law - 1), TOLERANCE, "Hz"))
         off = float(np.abs(hessian[kind][0] / exact[kind] - 1).max())
         checks.append(Check(f"bar {name}: normal_modes against the exact lines", "exact", off, 0.0, off, 1e-7))
         off = float(np.abs(one.shapes[:5] - aligned(hessian[kind][1][:5], one.shapes[:5])).max())
@@ -74,7 +74,7 @@ def beam_checks(coarse: Mapping[int, Array], limit: Array) -> list[Check]:
     for n in range(5):
         f, law = float(limit[n]), float(bar.beam()[n])
         text = f"free bar: simulated line {n + 1} extrapolated in the segment length, against Euler-Bernoulli, Hz"
-        checks.append(Check(text, "exact", f, law, abs(f / law - 1), TOLERANCE))
+        checks.append(Check(text, "exact", f, law, abs(f / law - 1), TOLERANCE, "Hz"))
     for n, ratio in ((2, 2.7565), (3, 5.4039), (4, 8.9330)):
         found = float(limit[n - 1] / limit[0])
         text = f"free bar: overtone {n} over the fundamental, extrapolated"
