@@ -205,6 +205,15 @@ def test_a_chain_too_long_for_its_rounding_is_warned_of() -> None:
         of.normal_modes(string(20_000), 2)
 
 
+def test_the_lowest_damped_modes_are_the_first_of_all() -> None:
+    model = string(15, damping=300 / unit.second)
+    few, whole = of.damped_modes(model, 4), of.damped_modes(model)
+    np.testing.assert_array_equal(few.frequencies, whole.frequencies[:4])
+    np.testing.assert_array_equal(few.shapes, whole.shapes[:4])
+    with pytest.raises(ValueError, match="`count` must be .*, but is 0"):
+        of.damped_modes(model, 0)
+
+
 def test_rigid_motions_are_damped_modes_without_frequency_and_decay() -> None:
     bar = of.Filament(
         of.shapes.line(4, 1 * NM), 1 * unit.dalton, (stretching.Harmonic(9 * KJ / NM**2), bending.Harmonic(5 * KJ))

@@ -189,7 +189,7 @@ def checks(curves: list[Curve], steps: Steps, stiff: Array) -> list[Check]:
     out.append(
         Check(
             f"N = {steps.chain.masses}: lines (Hz) at time steps to {FRACTIONS[0]:g} of the limit against leapfrog (worst)",
-            "exact", float(steps.frequencies[at]), float(expected_steps[at]), float(deviation[at]), _DISPERSION,
+            "exact", float(steps.frequencies[at]), float(expected_steps[at]), float(deviation[at]), _DISPERSION, "Hz",
         )
     )  # fmt: skip
     order = _order(steps)

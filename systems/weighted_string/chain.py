@@ -236,7 +236,7 @@ def sounding(
     case: Case, segments: int, seconds: float, rate: float, every: int, *, weaker: float, form: Form
 ) -> tuple[Array, Modes]:
     """The sound after the pluck, as in `Playing`, and the exact modes; for `weaker` and `form` see `Case.model`."""
-    context = strings.start(model := case.model(segments, weaker=weaker, form=form), rate, every)
+    context = strings.start(model := case.model(segments, weaker=weaker, form=form), rate, every, alike=case.alike)
     motion = of.record(model, context, round(seconds * rate), every, observe=lambda x: x[1:-1, 0].mean())
     return stage.metres(motion.values)[strings.released(motion)], exact(case, segments, 1 / (rate * every))
 
