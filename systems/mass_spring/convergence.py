@@ -178,7 +178,7 @@ def checks(curves: list[Curve], steps: Steps, stiff: Array) -> list[Check]:
             i = int(np.argmax(error))
             value, expected = float(curve.frequencies[i]), float(exact[i])
             label = f"{name}: frequency (Hz) at amplitudes to {curve.amplitudes[-1]:.2g} l0 against quadrature (worst)"
-            out.append(Check(label, "exact", value, expected, float(error[i]), _ANY_AMPLITUDE))
+            out.append(Check(label, "exact", value, expected, float(error[i]), _ANY_AMPLITUDE, "Hz"))
         law = amplitude_law(curve.chain, curve.mode)
         error_of_law = abs(curve.coefficient / law - 1)
         label = f"{name}: relative shift over (amplitude/l0)^2"
