@@ -24,7 +24,9 @@ def fail(name: str, rule: str, value: object) -> ValueError:
 
 
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """`value` as a float array; anything that is not numeric raises TypeError."""
+    """`value` as a float array; anything that is not numeric, and what is complex, raises TypeError."""
+    if np.iscomplexobj(value):
+        raise TypeError(f"Argument `{name}` must be real, but is complex.")
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -193,7 +193,7 @@ def _inner(arm: _Arm, interaction: Interaction, gradient: Array, matrix: Array) 
         energy, slope, curvature = p["k"] * d**2 / 2, p["k"] * d, p["k"]
     elif interaction.term is electrostatics.Neighbour:
         energy, slope, curvature = p["q"] / s, -p["q"] / s**2, 2 * p["q"] / s**3
-    elif interaction.term is bending.Harmonic:
+    elif issubclass(interaction.term, bending.Harmonic):
         d, place = beta - p["beta0"], at_bend
         energy, slope, curvature = p["alpha"] * d**2 / 2, p["alpha"] * d, p["alpha"]
     elif interaction.term is bending.Cosine:

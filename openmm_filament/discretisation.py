@@ -113,7 +113,7 @@ def exact_chain(filament: Filament, temperature: unit.Quantity) -> ExactChain | 
     Bonds must be alike (`wlc.extension_discrete` has one bond for the chain); joints may differ.
     """
     bound = {i.term: i.parameters for i in filament.interactions()}
-    angle = next((term for term in (bending.Harmonic, bending.Cosine) if term in bound), None)
+    angle = next((term for term in bound if issubclass(term, (bending.Harmonic, bending.Cosine))), None)
     if filament.closed or angle is None or set(bound) != {stretching.Harmonic, angle} or len(filament.terms) != 2:
         return None
     bond, joint = bound[stretching.Harmonic], bound[angle]
@@ -123,7 +123,7 @@ def exact_chain(filament: Filament, temperature: unit.Quantity) -> ExactChain | 
         segments=len(filament) - 1,
         bond_length=float(bond["r0"][0]),
         bending=_one(joint["alpha"] / PN),
-        bending_form="harmonic" if angle is bending.Harmonic else "cosine",
+        bending_form="harmonic" if issubclass(angle, bending.Harmonic) else "cosine",
         rest_angles=_one(joint["beta0"]) if "beta0" in joint else 0.0,
         stretching=float(bond["k"][0]) / PN,
         kT=units.BOLTZMANN * units.number("temperature", temperature, "temperature") / PN,

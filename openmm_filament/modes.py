@@ -122,15 +122,27 @@ def normal_modes(
     return NormalModes(frequencies / model.scale.factor("time") * _HERTZ_PS, shapes / largest[:, :, None])
 
 
-def damped_modes(model: Model, *, positions: unit.Quantity | None = None) -> DampedModes:
-    """All modes of `m x'' + m gamma x' + K x = 0` with the filaments' damping rate of each bead, as `euler_cromer` runs them.
+def damped_modes(model: Model, count: int | None = None, *, positions: unit.Quantity | None = None) -> DampedModes:
+    """Modes of `m x'' + m gamma x' + K x = 0` with the filaments' damping rate of each bead, as `euler_cromer` runs them.
 
     Modes slower than 3e-7 of the fastest come out as frequency and decay zero, as undamped rigid motions do.
 
-    Raises ValueError for a chain too long to be diagonalised whole (250 free beads).
+    Parameters
+    ----------
+    count : int, optional
+        How many modes, the lowest in frequency (overdamped motions first); by default all. All are computed.
+    positions : Quantity, optional
+        Physical positions (N, 3); the rest positions by default.
+
+    Raises
+    ------
+    ValueError
+        For a chain too long to be diagonalised whole (250 free beads), and for a count that is not from 1 to the number
+        of free coordinates.
     """
     matrix, weights, free = _weighted(model, positions)
     size = len(weights)
+    wanted = None if count is None else check.integer("count", count, low=1, high=size)
     if 2 * size > _DENSE:
         raise ValueError(
             f"Argument `model` must have at most {_DENSE // 2} free coordinates for its damped modes, but has {size}."
@@ -142,7 +154,7 @@ def damped_modes(model: Model, *, positions: unit.Quantity | None = None) -> Dam
     values = np.where(still, 0.0, values)
     kept = np.where(still, np.cumsum(still) % 2 == 1, values.imag >= 0)
     values, vectors = values[kept], vectors[:size, kept]
-    order = np.lexsort((-values.real, values.imag))
+    order = np.lexsort((-values.real, values.imag))[:wanted]
     values, vectors = values[order], vectors[:, order]
     shapes = np.zeros((len(values), *free.shape), dtype=complex)
     shapes[:, free] = (vectors * weights[:, None]).T

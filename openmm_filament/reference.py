@@ -68,6 +68,7 @@ def thesis_forces(filament: Filament, positions: Any) -> dict[str, Array]:
         formula = {
             stretching.Harmonic: _thesis_stretching,
             bending.Harmonic: _thesis_bending,
+            bending.ArctangentHarmonic: _thesis_bending,
             torsion.Harmonic: _thesis_torsion,
         }.get(interaction.term)
         if formula is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,7 +90,7 @@ def write_wav(
     interval : Quantity
         Time between samples.
     seconds : float
-        Length of the file.
+        Length of the file, at least 0.1; the recording must last as long.
     speed : float
         How many times faster the motion is played, which multiplies all frequencies: 0.001 makes 440 kHz heard as 440 Hz and
         takes 0.002 s of motion for 2 s of sound.
@@ -115,11 +116,17 @@ def write_wav(
     if (played := step / speed) > (longest := 0.5 / AUDIBLE[0]):
         raise check.fail("interval", f"be below {longest * speed:g} s to sound at speed {speed:g}", f"{step:g} s")
     length = float(check.shape("seconds", check.within("seconds", seconds, 0.1, 3600.0, unit="s"), ()))
-    if len(values) * played < length * (1 - 1e-9):
+    if (whole := len(values) * played) < length * (1 - 1e-9):
         raise check.fail(
             "seconds",
-            f"not exceed the recording, {len(values) * step:g} s played at speed {speed:g} in {len(values) * played:g} s",
-            f"{length:g} s",
+            f"not exceed the recording, {len(values) * step:g} s played at speed {speed:g} in {whole:g} s",
+            f"{length:g} s (the default is 2 s): record for longer, "
+            + (
+                f"pass seconds={math.floor(1000 * whole) / 1000:g}, or play it slower"
+                if whole >= 0.1
+                else "or play it slower"
+            )
+            + f", speed={speed * whole / length:.3g} or less",
         )
     values = values[: int(np.ceil(length / played * (1 + 1e-9))) + 1]
     values = values - values.mean()

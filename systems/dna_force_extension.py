@@ -272,6 +272,7 @@ def _checks(folder: Path, rows: list[dict[str, float]], wanted: np.ndarray) -> l
             rows[worst]["exact_discrete_nm"],
             float(abs(z[worst])),
             Z_LIMIT,
+            "nm",
         ),
         Check(
             "mean square deviation of all points in standard errors",
@@ -293,6 +294,7 @@ def _checks(folder: Path, rows: list[dict[str, float]], wanted: np.ndarray) -> l
                 row["exact_continuous_nm"],
                 bound,
                 float(error) * 1.02,
+                "nm",
             )
         )
     found, said = _trajectory_extensions(folder / "trajectory.dcd")
@@ -305,6 +307,7 @@ def _checks(folder: Path, rows: list[dict[str, float]], wanted: np.ndarray) -> l
             float(said.mean()),
             float(deviation / np.abs(said).max()),
             3e-7,
+            "nm",
         )
     )
     return checks

@@ -46,7 +46,8 @@ class Check:
     """A number that was computed, held against the one that is expected.
 
     `kind` is "exact" for an exact answer (a failure makes the run fail), "thesis" for a figure of the thesis and "claim"
-    for one of its statements (a failure is a finding).
+    for one of its statements (a failure is a finding). `unit` is that of `value` and `expected`, empty for pure numbers;
+    `error` is relative or absolute, as the tolerance is meant.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Check:
     expected: float
     error: float
     tolerance: float
+    unit: str = ""
 
     @property
     def passed(self) -> bool:
@@ -88,10 +90,18 @@ class Summary:
             "platform": self.platform,
             "wall_seconds": round(self.wall_seconds, 3),
             "filament": self.filament,
-            "checks": [{**asdict(check), "passed": check.passed} for check in self.checks],
+            "checks": [_entry(check) for check in self.checks],
             "findings": list(self.findings),
         }
         (folder / "summary.json").write_text(json.dumps(_without_nan(content), indent=2, allow_nan=False) + "\n")
+
+
+def _entry(check: Check) -> dict[str, Any]:
+    """A check as it stands in the summary; "unit" is there where there is one."""
+    entry = {**asdict(check), "passed": check.passed}
+    if not check.unit:
+        del entry["unit"]
+    return entry
 
 
 def _without_nan(value: Any) -> Any:

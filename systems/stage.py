@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import openmm as mm
@@ -16,6 +17,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 import openmm_filament as of
+from openmm_filament.integrators import internal_langevin
 from openmm_filament.motion import Motion
 from openmm_filament.trajectory import TrajectoryWriter
 from systems.scene import Check, Summary
@@ -24,9 +26,9 @@ __all__ = [
     "JOULE",
     "NEWTON",
     "NO_PICTURES",
+    "alike",
     "close",
     "context",
-    "energy_slope",
     "metres",
     "progress",
     "seconds",
@@ -56,6 +58,7 @@ def wire(
     damping: float | Array | None = None,
     masses: Array | None = None,
     softer: float = 1.0,
+    form: Literal["arccosine", "arctangent"] = "arccosine",
 ) -> of.Filament:
     """A straight wire of circular section along z, in SI units: stretching and bending, no torsion.
 
@@ -68,6 +71,8 @@ def wire(
     softer : float
         What the stretching stiffness is divided by. Small transverse motion does not feel it, as long as the tension is
         the same, and the time step is longer by its square root.
+    form : "arccosine" or "arctangent"
+        Of `of.bending.Harmonic`: with the second a nearly straight wire keeps its energy.
     """
     step = length / segments
     section = math.pi * radius**2
@@ -78,7 +83,7 @@ def wire(
         (line_density * step if masses is None else masses) * unit.kilogram,
         (
             of.stretching.Harmonic(stretching * unit.newton / unit.meter),
-            of.bending.Harmonic(bending * unit.joule),
+            of.bending.Harmonic(bending * unit.joule, form=form),
         ),
         damping=None if damping is None else damping / unit.second,
     )
@@ -96,6 +101,16 @@ def context(model: of.Model, integrator: mm.Integrator, platform: str | None = N
     return made
 
 
+def alike(model: of.Model, timestep: float, damping: float) -> mm.Integrator:
+    """What takes the steps, of `timestep` s, of Euler-Cromer in half the time where all beads are damped alike, at `damping` 1/s.
+
+    LangevinMiddle at zero temperature: with the friction that keeps `1 - gamma dt` of a velocity its positions are those of
+    Euler-Cromer under forces `1 - gamma dt/2` times as large. Raises ValueError for a step above the stability limit.
+    """
+    step = of.euler_cromer(model, timestep=timestep * unit.second).getStepSize().value_in_unit(unit.picosecond)
+    return internal_langevin(model, 0.0, -math.log1p(-damping * timestep) / step, step, None)
+
+
 def seconds(motion: Motion) -> Array:
     """The times (T,) of a motion in s."""
     return np.asarray(motion.times.value_in_unit(unit.second))
@@ -104,18 +119,6 @@ def seconds(motion: Motion) -> Array:
 def metres(values: Array) -> Array:
     """Lengths in nm, as `record` gives them, in m."""
     return values * 1e-9
-
-
-def energy_slope(energies: Array, steps: Array, *, blocks: int = 20) -> tuple[float, float]:
-    """Slope of a total energy (T,) over the `steps` (T,) at which it was taken: of its mean, per 10^6 steps.
-
-    A straight line through the means of `blocks` blocks, which average over the oscillations, and its standard error
-    from their scatter.
-    """
-    kept = len(energies) // blocks * blocks
-    means = np.stack([np.asarray(v[:kept]).reshape(blocks, -1).mean(axis=1) for v in (steps, energies)])
-    line, covariance = np.polyfit(means[0] / 1e6, means[1] / means[1].mean(), 1, cov=True)
-    return float(line[0]), float(math.sqrt(covariance[0, 0]))
 
 
 @contextmanager

@@ -315,7 +315,13 @@ def test_broken_input_is_refused_with_its_numbers(call: Any, message: str) -> No
 
 
 @pytest.mark.parametrize(
-    "call", [lambda x: analysis.lines(x, 1e-3), lambda x: analysis.instantaneous_pitch(x, 1e-3, 0.1)]
+    "call",
+    [
+        lambda x: analysis.lines(x, 1e-3),
+        lambda x: analysis.instantaneous_pitch(x, 1e-3, 0.1),
+        lambda x: analysis.spectrum(x, 1e-3),
+        lambda x: analysis.damped_sinusoids(x, 1e-3, [440.0]),
+    ],
 )
 def test_a_complex_signal_is_refused(call: Any) -> None:
     with pytest.raises(TypeError, match="`signal` must be real, but is complex"):

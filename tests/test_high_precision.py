@@ -111,3 +111,39 @@ def test_weighted_torsion_forces_hold_to_nine_digits_when_straight_too(bend: flo
 
     term = torsion.Weighted(ALPHA * KJ, 0.3 * unit.radian)
     assert error(term, quadruple(bend, 0.9, rng), energy) <= tol.HIGH_PRECISION
+
+
+def openmm_error(term: Term, x: Array, energy: Callable[[list], mp.mpf]) -> float:
+    """Largest error of the OpenMM force over the largest force."""
+    model = of.build(of.Filament(of.shapes.line(len(x) - 1, 1 * NM), 1 * unit.dalton, (term,)))
+    exact = exact_forces(energy, x)
+    return float(np.abs(of.forces(model, x * NM) - exact).max() / np.abs(exact).max())
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.02, 1.3])
+@pytest.mark.parametrize("bend", [1e-10, 1e-8, *BENDS, np.pi - 1e-6])
+def test_arctangent_bending_forces_of_openmm_are_as_exact_as_the_coordinates(
+    bend: float, rest: float, rng: np.random.Generator
+) -> None:
+    term = bending.Harmonic(ALPHA * KJ, rest * unit.radian, form="arctangent")
+    energy = lambda r: mp.mpf(ALPHA) / 2 * (_bend(r) - mp.mpf(rest)) ** 2  # noqa: E731
+    assert openmm_error(term, triple(bend, rng), energy) <= tol.ARCTANGENT / np.sin(bend)
+
+
+def test_arccosine_bending_forces_of_openmm_are_not(rng: np.random.Generator) -> None:
+    energy = lambda r: mp.mpf(ALPHA) / 2 * _bend(r) ** 2  # noqa: E731
+    for bend in (1e-4, 1e-6):
+        off = openmm_error(bending.Harmonic(ALPHA * KJ), triple(bend, rng), energy)
+        assert off > 10 * tol.ARCTANGENT / bend
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.02])
+def test_arctangent_bending_of_a_straight_chain_has_no_force(rest: float) -> None:
+    term = bending.Harmonic(ALPHA * KJ, rest * unit.radian, form="arctangent")
+    filament = of.Filament(of.shapes.line(9, 1 * NM), 1 * unit.dalton, (term,))
+    np.testing.assert_array_equal(of.forces(of.build(filament)), np.zeros((10, 3)))
+
+
+def test_another_form_of_bending_is_refused() -> None:
+    with pytest.raises(ValueError, match="`form` must be one of 'arccosine', 'arctangent', but is 'chord'"):
+        bending.Harmonic(ALPHA * KJ, form="chord")

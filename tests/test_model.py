@@ -33,6 +33,7 @@ TERMS: tuple[tuple[Term, str, str], ...] = (
     (torsion.Periodic(5 * KJ, 3), "CustomTorsionForce", "torsion"),
     (torsion.Weighted(5 * KJ), "CustomCompoundBondForce", "torsion"),
     (electrostatics.Neighbour(0.5 * unit.elementary_charge), "CustomBondForce", "electrostatics"),
+    (bending.Harmonic(10 * KJ, form="arctangent"), "CustomCompoundBondForce", "bending"),
 )
 ELASTIC = (TERMS[0][0], TERMS[1][0], TERMS[3][0])
 

@@ -22,6 +22,7 @@ TERMS: tuple[Any, ...] = (
     stretching.Harmonic(500 * KJ / NM**2),
     bending.Harmonic(200 * KJ),
     bending.Cosine(200 * KJ),
+    bending.Harmonic(200 * KJ, form="arctangent"),
     torsion.Harmonic(100 * KJ),
     torsion.Periodic(100 * KJ, 3),
     torsion.Weighted(100 * KJ),
@@ -202,6 +203,15 @@ def test_damping_of_single_beads_decays_as_a_run_does() -> None:
 def test_a_chain_too_long_for_its_rounding_is_warned_of() -> None:
     with pytest.warns(UserWarning, match="lowest modes of this chain .* where rounding leaves few digits"):
         of.normal_modes(string(20_000), 2)
+
+
+def test_the_lowest_damped_modes_are_the_first_of_all() -> None:
+    model = string(15, damping=300 / unit.second)
+    few, whole = of.damped_modes(model, 4), of.damped_modes(model)
+    np.testing.assert_array_equal(few.frequencies, whole.frequencies[:4])
+    np.testing.assert_array_equal(few.shapes, whole.shapes[:4])
+    with pytest.raises(ValueError, match="`count` must be .*, but is 0"):
+        of.damped_modes(model, 0)
 
 
 def test_rigid_motions_are_damped_modes_without_frequency_and_decay() -> None:

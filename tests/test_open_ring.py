@@ -104,14 +104,6 @@ def test_a_small_load_moves_the_ends_as_the_normal_modes_say() -> None:
     assert static.modal_opening(body, 2 * force, times) == pytest.approx(2 * static.modal_opening(body, force, times))
 
 
-def test_the_energy_slope_of_a_line_is_its_slope(rng: np.random.Generator) -> None:
-    steps = np.arange(2000) * 100.0
-    energies = 5.0 * (1 + 3e-6 * steps / 1e6 + 1e-7 * rng.normal(size=2000))
-    slope, error = stage.energy_slope(energies, steps)
-    assert abs(slope - 3e-6) < 4 * error
-    assert error < 1e-6
-
-
 def test_the_closing_list_puts_failures_first_and_keeps_brackets(tmp_path: Path) -> None:
     checks = [
         Check("fine [1/s]", "exact", 1.0, 1.0, 0.0, 0.1),

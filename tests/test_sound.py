@@ -108,6 +108,7 @@ NOT_FINITE = np.where(np.arange(16_000) == 7, np.nan, tone(440.0, 8e3))
         ({"signal": np.ones(3)}, "at least 16 samples"),
         ({"signal": tone(440.0, 8e3)[:, None]}, "shape"),
         ({"seconds": 2.5}, "not exceed the recording, 2 s played at speed 1 in 2 s, but is 2.5 s"),
+        ({"seconds": 2.5}, r"record for longer, pass seconds=2, or play it slower, speed=0.8 or less"),
         ({"speed": 2.0}, "not exceed the recording, 2 s played at speed 2 in 1 s"),
         ({"speed": 0.0}, "`speed` must be positive"),
         ({"seconds": 0.0}, r"`seconds` must lie in"),

@@ -51,6 +51,12 @@ TERMS = (
     Case("stretching given", 2, lambda d: stretching.Harmonic(d(10, 1000) * KJ / NM**2, d(0.5, 2) * NM)),
     Case("bending from shape", 3, lambda d: bending.Harmonic(d(1, 100) * KJ), relaxed=True),
     Case("bending given", 3, lambda d: bending.Harmonic(d(1, 100) * KJ, d(0, np.pi) * unit.radian)),
+    Case("bending arctangent", 3, lambda d: bending.Harmonic(d(1, 100) * KJ, form="arctangent"), relaxed=True),
+    Case(
+        "bending arctangent given",
+        3,
+        lambda d: bending.Harmonic(d(1, 100) * KJ, d(0, np.pi) * unit.radian, form="arctangent"),
+    ),
     Case("bending cosine", 3, lambda d: bending.Cosine(d(1, 100) * KJ)),
     Case("torsion from shape", 4, lambda d: torsion.Harmonic(d(1, 100) * KJ), relaxed=True),
     Case("torsion given", 4, lambda d: torsion.Harmonic(d(1, 100) * KJ, d(-180, 180) * unit.degree)),
@@ -241,6 +247,10 @@ class StifferBending(bending.Harmonic):
     expression = "0.5*(1.01*alpha)*(theta-theta0)^2; theta0=3.141592653589793-beta0"
 
 
+class StifferArctangent(bending.ArctangentHarmonic):
+    expression = bending.ArctangentHarmonic.expression.replace("0.5*alpha", "0.505*alpha")
+
+
 class StifferCharges(electrostatics.Neighbour):
     expression = "1.01*q/r"
 
@@ -272,6 +282,7 @@ class BendingFromTheta(bending.Cosine):
     [
         ("stretching from shape", StifferStretching),
         ("bending from shape", StifferBending),
+        ("bending from shape", StifferArctangent),
         ("electrostatics", StifferCharges),
         ("torsion from shape", MirroredTorsion),
         ("torsion from shape", LongWayRound),

@@ -31,7 +31,12 @@ def test_the_quick_run_passes_its_exact_checks_and_writes_its_files(results: tup
     assert code == 0
     assert wanted | {f"weighted_string_{name}.wav" for name in "abc"} <= written
     summary = json.loads((folder / "summary.json").read_text())
-    assert set(summary["terms"]) == {"CustomAngleForce", "CustomBondForce", "CustomExternalForce"}
+    assert set(summary["terms"]) == {
+        "CustomAngleForce",
+        "CustomBondForce",
+        "CustomCompoundBondForce",
+        "CustomExternalForce",
+    }
     claims = [check for check in summary["checks"] if check["kind"] == "claim"]
     assert [check["passed"] for check in claims] == [True]
     assert claims[0]["value"] > 3

@@ -18,7 +18,7 @@ from scipy import fft
 from openmm_filament import _checks as check
 from openmm_filament.analysis.spectra import recording
 
-__all__ = ["Lines", "hann_transform", "lines", "real", "refine"]
+__all__ = ["Lines", "hann_transform", "lines", "refine"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -109,7 +109,7 @@ def lines(
     """
     if sum(choice is not None for choice in (count, threshold, near)) > 1:
         raise ValueError("Arguments `count`, `threshold` and `near` exclude one another, but more than one is given.")
-    values, step = recording(real(signal), interval)
+    values, step = recording(signal, interval)
     resolution = 1 / (len(values) * step)
     if not (np.ptp(values, axis=0) > 0).any():
         raise check.fail("signal", "vary in time", "constant")
@@ -141,13 +141,6 @@ def lines(
         heights[order].reshape(len(order), *np.shape(signal)[1:]),
         resolution,
     )
-
-
-def real(signal: ArrayLike) -> ArrayLike:
-    """The signal, or TypeError if it is complex: its imaginary part would be dropped."""
-    if np.iscomplexobj(signal):
-        raise TypeError("Argument `signal` must be real, but is complex.")
-    return signal
 
 
 def _strongest(count: int, peaks: NDArray[np.intp], height: Array, resolution: float) -> NDArray[np.intp]:

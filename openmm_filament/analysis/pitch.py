@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from openmm_filament import _checks as check
-from openmm_filament.analysis.peaks import hann_transform, real, refine
+from openmm_filament.analysis.peaks import hann_transform, refine
 from openmm_filament.analysis.spectra import recording
 
 __all__ = ["Pitch", "instantaneous_pitch"]
@@ -66,7 +66,7 @@ def instantaneous_pitch(
     TypeError
         If the signal is complex.
     """
-    values, step = recording(real(signal), interval)
+    values, step = recording(signal, interval)
     check.shape("signal", np.asarray(signal, dtype=np.float64), (None,))
     width = round(float(check.positive("window_seconds", window_seconds, unit="s")) / step)
     if not 16 <= width <= len(values):

@@ -56,6 +56,8 @@ def recording(signal: ArrayLike, interval: float) -> tuple[Array, float]:
     ValueError
         If the signal has fewer than 16 samples, another shape than (T,) or (T, N), or a value that is not finite, or if
         the interval is not positive.
+    TypeError
+        If the signal is not numeric, or complex.
     """
     values = check.finite("signal", signal)
     if values.ndim not in (1, 2) or values.size == 0:

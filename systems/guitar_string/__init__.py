@@ -19,7 +19,7 @@ from openmm import unit
 
 from openmm_filament import rendering, sound
 from systems import stage, strings
-from systems.guitar_string import figures, hard, report, soft
+from systems.guitar_string import figures, hard, report, soft, steady
 from systems.scene import Summary
 
 __all__ = ["options", "run"]
@@ -51,6 +51,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     softness = soft.softness(recording, 0.006 if quick else 0.03)
     with stage.progress("pluck of 12 N") as show:
         motion = hard.run(0.025 if quick else 0.15, show)
+    kept = steady.steadiness(*((50, 50_000) if quick else (soft.SEGMENTS, 100_000)))
     heard, exact = _sounds(folder, recording, motion)
     _tables(folder, found, motion)
     figures.shapes(folder / "shapes.png", recording)
@@ -58,7 +59,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     figures.law(folder / "harmonics.png", found)
     figures.decay(folder / "decay.png", recording, found)
     figures.hard_pluck(folder / "hard_pluck.png", motion)
-    findings = report.findings(recording, found, softness, motion)
+    findings = report.findings(recording, found, softness, motion) + steady.findings(kept)
     findings += _pictures(folder, motion, quick=quick)
     models = [recording.model, motion.model]
     return stage.close(
@@ -85,7 +86,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
                 "small_pluck_timestep_s": recording.timestep,
                 "hard_pluck_timestep_s": 1 / (hard.RATE * hard.EVERY),
             },
-            checks=report.checks(recording, found, softness, motion, heard, exact),
+            checks=[*report.checks(recording, found, softness, motion, heard, exact), *steady.checks(kept)],
             findings=findings,
         ),
     )
@@ -159,7 +160,7 @@ def _pictures(folder: Path, motion: hard.HardPluck, *, quick: bool) -> list[str]
         radius=strings.RADIUS * unit.meter,
         title=f"Guitar string plucked with 12 N at L/4, {1e3 * motion.times[highest]:.2f} ms (displacement x {_EXAGGERATE:g})",
     )
-    every = 4 if quick else 1
+    every = 8 if quick else 1
     rendering.animate(
         frames[::every] * unit.nanometer,
         folder / "animation.mp4",

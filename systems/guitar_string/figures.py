@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _DYNAMIC = 1e-4
 """Faintest amplitude shown, over the largest."""
 
+_DPI = 110
+
 
 def _places() -> Array:
     return np.linspace(0, 1e3 * strings.LENGTH, soft.SEGMENTS + 1)
@@ -56,7 +58,7 @@ def shapes(path: Path, recording: soft.Recording) -> None:
             bar.set_label("time (ms)")
         axes[row, 0].set_ylabel("displacement (µm)")
     figure.suptitle("Guitar string pulled for 1/300 s, and the first period after it")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=_DPI)
 
 
 def spectra(path: Path, recording: soft.Recording) -> None:
@@ -77,13 +79,14 @@ def spectra(path: Path, recording: soft.Recording) -> None:
         each = analysis.spectrum(recording.beads[recording.played :, :, column], 1 / recording.rate, padding=2)
         shown = each.frequencies < 1.05 * lines[-1]
         image = each.amplitudes[shown]
-        mesh = below.pcolormesh(
-            each.frequencies[shown],
-            np.arange(soft.SEGMENTS + 1),
+        mesh = below.imshow(
             np.maximum(image / image[3:].max(), _DYNAMIC).T,
             norm=LogNorm(_DYNAMIC, 1),
             cmap="magma",
-            rasterized=True,
+            aspect="auto",
+            origin="lower",
+            extent=(0, each.frequencies[shown][-1], -0.5, soft.SEGMENTS + 0.5),
+            interpolation="antialiased",
         )
         below.axhline(bead, color="w", lw=0.8, ls=":")
         below.set(title="each bead", xlabel="frequency (Hz)", ylabel="bead", xlim=(0, 1.05 * lines[-1]))
@@ -91,7 +94,7 @@ def spectra(path: Path, recording: soft.Recording) -> None:
     figure.suptitle(
         "Guitar string after a gentle pluck: the same lines, other weights (grey: exact lines of the bead chain)"
     )
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=_DPI)
 
 
 def law(path: Path, found: soft.Harmonics) -> None:
@@ -123,7 +126,7 @@ def law(path: Path, found: soft.Harmonics) -> None:
     lower.plot(n, off, "k-", lw=1, zorder=0, label=f"a time step of {1e6 * step:.3g} µs, exact")
     lower.set(xlabel="harmonic n", ylabel="simulated / exact discrete - 1\n(millionths)", xticks=n[1::2])
     lower.legend()
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=_DPI)
 
 
 def decay(path: Path, recording: soft.Recording, found: soft.Harmonics) -> None:
@@ -157,13 +160,14 @@ def decay(path: Path, recording: soft.Recording, found: soft.Harmonics) -> None:
         xticks=n[1::2],
     )
     right.legend(fontsize=9)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=_DPI)
 
 
 def _envelope(signal: Array) -> Array:
-    from scipy.signal import hilbert
-
-    return np.asarray(np.abs(hilbert(signal)))
+    """The magnitude of the signal (T,) without its negative frequencies."""
+    bins = np.fft.fft(signal)
+    bins[len(bins) // 2 + 1 :] = 0
+    return np.asarray(2 * np.abs(np.fft.ifft(bins)))
 
 
 def hard_pluck(path: Path, motion: hard.HardPluck) -> None:
@@ -197,7 +201,7 @@ def hard_pluck(path: Path, motion: hard.HardPluck) -> None:
         low, high = ax.get_ylim()
         ax.set_ylim(low, high + 0.22 * (high - low))
         ax.legend(fontsize=8, loc="upper right", ncols=4)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=_DPI)
 
 
 def _band(ax: Axes, times: Array, tensions: Array) -> None:

@@ -21,11 +21,13 @@ _DEPARTURE = 0.1
 """Per cent by which the departure of line 20 may differ from the thesis's 0.2 %, which has one digit."""
 
 
-def _worst(name: str, found: Array, exact: Array, tolerance: float, numbers: NDArray[np.int64]) -> Check:
+def _worst(
+    name: str, found: Array, exact: Array, tolerance: float, numbers: NDArray[np.int64], unit: str = "Hz"
+) -> Check:
     """The largest relative error among lines."""
     error = np.abs(found / exact - 1)
     i = int(np.argmax(error))
-    return Check(f"{name} (worst: n = {numbers[i]})", "exact", found[i], exact[i], float(error[i]), tolerance)
+    return Check(f"{name} (worst: n = {numbers[i]})", "exact", found[i], exact[i], float(error[i]), tolerance, unit)
 
 
 def checks(
@@ -54,7 +56,7 @@ def checks(
         _worst("normal modes of the model, against the discrete law", softness.lines[: len(n)], undamped, 1e-9, n),
         _worst("lines 1 to 20 in Hz, against the exact discrete string", lines, exact.frequencies, 1e-4, n),
         _worst("lines 1 to 20 in Hz, exact discrete string in these time steps", lines, stepped.frequencies, 3e-6, n),
-        _worst("decay times 1 to 20 in s, against 2/gamma", times, 1 / exact.decay_rates, 1e-2, n),
+        _worst("decay times 1 to 20 in s, against 2/gamma", times, 1 / exact.decay_rates, 1e-2, n, "s"),
         Check(
             f"lines 1 to 19, plucked at bead {soft.BEADS[1]} against {soft.BEADS[0]}: largest relative difference",
             "exact",
@@ -75,6 +77,7 @@ def checks(
                 float(most),
                 float(error),
                 1e-3,
+                "m",
             )
         )
     rows += [
@@ -95,7 +98,7 @@ def checks(
             _apart(softness),
             1e-9,
         ),
-        Check("strongest line of guitar_string.wav in Hz", "exact", heard, pitch, abs(heard / pitch - 1), 1e-4),
+        Check("strongest line of guitar_string.wav in Hz", "exact", heard, pitch, abs(heard / pitch - 1), 1e-4, "Hz"),
         Check(
             "12 N: energy + loss to damping - work, over the work (J)",
             "exact",
@@ -111,6 +114,7 @@ def checks(
             0.2,
             abs(departure - 0.2),
             _DEPARTURE,
+            "%",
         ),
         _lift(motion),
     ]
@@ -124,7 +128,7 @@ def _apart(softness: soft.Softness) -> float:
 def _lift(motion: hard.HardPluck) -> Check:
     after = motion.times > strings.PLUCKING
     lift = 1e3 * float(motion.lift[int(np.argmax(after)) - 1])
-    return Check("12 N: lift in mm at release (some 19 expected)", "claim", lift, 19.0, abs(lift / 19.0 - 1), 0.1)
+    return Check("12 N: lift in mm at release (some 19 expected)", "claim", lift, 19.0, abs(lift / 19.0 - 1), 0.1, "mm")
 
 
 def findings(

@@ -102,6 +102,7 @@ def _stiffness_checks() -> list[Check]:
                 exact,
                 abs(found / exact - 1),
                 0.01,
+                "N/m",
             )
         )
     return checks

@@ -11,7 +11,7 @@ import csv
 import time
 from pathlib import Path
 
-from systems import stage
+from systems import conservation, stage
 from systems.mass_spring import continuum, convergence, energy, figures, pictures, table
 from systems.mass_spring.chain import LENGTH, MASS, TENSION, Chain
 from systems.scene import Summary
@@ -98,7 +98,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         checks=[
             *table.checks(measured, lines),
             *convergence.checks(curves, steps, stiff),
-            energy.check_drift(kept),
+            conservation.check_drift(kept),
             *continuum.checks(first),
             heard,
         ],

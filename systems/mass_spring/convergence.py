@@ -178,7 +178,7 @@ def checks(curves: list[Curve], steps: Steps, stiff: Array) -> list[Check]:
             i = int(np.argmax(error))
             value, expected = float(curve.frequencies[i]), float(exact[i])
             label = f"{name}: frequency (Hz) at amplitudes to {curve.amplitudes[-1]:.2g} l0 against quadrature (worst)"
-            out.append(Check(label, "exact", value, expected, float(error[i]), _ANY_AMPLITUDE))
+            out.append(Check(label, "exact", value, expected, float(error[i]), _ANY_AMPLITUDE, "Hz"))
         law = amplitude_law(curve.chain, curve.mode)
         error_of_law = abs(curve.coefficient / law - 1)
         label = f"{name}: relative shift over (amplitude/l0)^2"
@@ -189,7 +189,7 @@ def checks(curves: list[Curve], steps: Steps, stiff: Array) -> list[Check]:
     out.append(
         Check(
             f"N = {steps.chain.masses}: lines (Hz) at time steps to {FRACTIONS[0]:g} of the limit against leapfrog (worst)",
-            "exact", float(steps.frequencies[at]), float(expected_steps[at]), float(deviation[at]), _DISPERSION,
+            "exact", float(steps.frequencies[at]), float(expected_steps[at]), float(deviation[at]), _DISPERSION, "Hz",
         )
     )  # fmt: skip
     order = _order(steps)

@@ -82,5 +82,5 @@ def listen(folder: Path, chain: Chain, seconds: float = 2.0) -> Check:
     of.sound.write_wav(path, recording.across.sum(axis=1), recording.interval * unit.second, seconds=seconds)
     found, exact = of.sound.strongest_line(path), float(chain.frequencies[0])
     return Check(
-        "strongest line (Hz) of mass_spring.wav, relative", "exact", found, exact, abs(found / exact - 1), _TONE
+        "strongest line (Hz) of mass_spring.wav, relative", "exact", found, exact, abs(found / exact - 1), _TONE, "Hz"
     )

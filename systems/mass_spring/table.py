@@ -135,7 +135,7 @@ def checks(measured: list[Measured], table: list[dict[str, float]]) -> list[Chec
             error = abs(row["relative_error"]) if kind == "exact" else abs(value - expected)
             unit = "Hz, relative error" if kind == "exact" else "Hz, to the printed digit"
             name = f"N = {row['masses']:.0f}, line {row['line']:.0f} ({unit})"
-            out.append(Check(name, "exact" if kind == "exact" else "thesis", value, expected, error, limit))
+            out.append(Check(name, "exact" if kind == "exact" else "thesis", value, expected, error, limit, "Hz"))
     worst = max(row["shape_error"] for row in table)
     out.append(Check("simulated mode shapes against sines, largest deviation", "exact", worst, 0.0, worst, SHAPE))
     found = [_transverse(one.chain) / one.chain.frequencies for one in measured]

@@ -19,7 +19,7 @@ import numpy as np
 from openmm import unit
 
 import openmm_filament as of
-from systems import stage
+from systems import conservation, stage
 from systems.open_ring import figures, judgement, pictures, static
 from systems.open_ring.figures import ANGLES, SHAPES
 from systems.open_ring.ring import (
@@ -152,8 +152,8 @@ def _free_energy(body: Ring, steps: int) -> tuple[Any, Any, float, float]:
     every = 100
     motion = of.record(model, context, steps // every, every, observe=lambda x: 0.0, energies=True)
     total = np.sum(list(motion.energies.values()), axis=0) / stage.JOULE
-    taken = every * np.arange(len(total), dtype=float)
-    return taken, total, *stage.energy_slope(total, taken)
+    found = conservation.through(total, every)
+    return every * np.arange(len(total), dtype=float), total, found.slope, found.error
 
 
 def _tables(

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import openmm_filament as of
 from openmm_filament.geometry import bending_angles, chain_indices
-from systems import stage
+from systems import conservation, stage
+from systems.conservation import Drift
 
 __all__ = [
     "BEADS",
@@ -108,6 +109,13 @@ class Swing:
         """Kinetic and internal energy less the work of the load, the largest over the peak of the internal energy."""
         left = self.energies["kinetic"] + self.energies["internal"] - self.energies["work"]
         return float(np.abs(left - left[0]).max()) / self.peak
+
+    @property
+    def drift(self) -> Drift:
+        """The line through kinetic and internal energy less the work of the load, over the peak of the internal energy."""
+        left = self.energies["kinetic"] + self.energies["internal"] - self.energies["work"]
+        every = round((self.times[1] - self.times[0]) / self.timestep)
+        return conservation.through(left - left[0] + self.peak, every)
 
     @property
     def sines(self) -> tuple[float, float]:

@@ -27,6 +27,7 @@ __all__ = [
     "modal_opening",
     "of_size",
     "relaxed",
+    "small_modes",
 ]
 
 Array = NDArray[np.float64]
@@ -123,14 +124,40 @@ def extrapolated(beads: list[int], values: list[float]) -> float:
     return float(np.dot(weights, values))
 
 
+def strains(x: Array) -> Array:
+    """Lengths, bending angles and torsions of a chain (N, 3), by school geometry: none of the package's formulas enters."""
+    s = np.diff(x, axis=0)
+    lengths = np.sqrt((s**2).sum(axis=1))
+    cosines = (s[:-1] * s[1:]).sum(axis=1) / (lengths[:-1] * lengths[1:])
+    normals = np.cross(s[:-1], s[1:])
+    turns = np.cross(normals[:-1], normals[1:])
+    sines = np.sign((turns * s[1:-1]).sum(axis=1)) * np.sqrt((turns**2).sum(axis=1))
+    return np.concatenate([lengths, np.arccos(cosines), np.arctan2(sines, (normals[:-1] * normals[1:]).sum(axis=1))])
+
+
+def small_modes(body: Ring) -> tuple[Array, Array]:
+    """Angular frequencies (K,) in 1/s and shapes (K, N, 3) of a free ring about rest, rigid motions left out.
+
+    The energy is a sum over squared strains: `K = B^T diag(ES/l, EI/l, GJ/l) B`, B their derivatives at rest, by central
+    differences. No force, energy or Hessian of the package enters.
+    """
+    x = body.positions
+    step, size = 1e-6 * body.segment, x.size
+    moves = step * np.eye(size).reshape(size, *x.shape)
+    slopes = np.array([strains(x + move) - strains(x - move) for move in moves]).T / (2 * step)
+    n = len(x)
+    moduli = np.repeat([STRETCHING, BENDING, TORSION], [n - 1, n - 2, n - 3]) / body.segment
+    squared, vectors = np.linalg.eigh(slopes.T * moduli @ slopes / (DENSITY * body.segment))
+    return np.sqrt(squared[6:]), vectors.T[6:].reshape(-1, *x.shape)
+
+
 def modal_opening(body: Ring, force: Array, times: Array) -> Array:
     """How the ends part (T, 3) in m when `force` (3,) in N begins to act on a ring at rest: the sum over its normal modes.
 
     Exact in the limit of a small load. The load must not act on rigid motions. OpenMM's velocities are those of half a
     step earlier: a run that begins with none was at rest half a step before its time zero.
     """
-    modes = of.normal_modes(of.build(body.filament))
-    shapes, omega = modes.shapes[6:], 2 * np.pi * modes.frequencies[6:]
+    omega, shapes = small_modes(body)
     mass = DENSITY * body.segment
     parting = shapes[:, 0] - shapes[:, -1]
     stiffness = omega**2 * mass * np.sum(shapes**2, axis=(1, 2))

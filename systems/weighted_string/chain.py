@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,10 @@ from openmm_filament import analysis
 from systems import stage, strings
 from systems.strings import Pluck
 
-__all__ = ["CASES", "LINES", "Case", "Modes", "Playing", "exact", "matrices", "play"]
+__all__ = ["CASES", "LINES", "Case", "Modes", "Playing", "exact", "matrices", "play", "sounding"]
 
 Array = NDArray[np.float64]
+Form = Literal["arccosine", "arctangent"]
 
 SEGMENTS = 210
 """209 moving beads, so that the middle, 2 L/5 and 2 L/3 are beads; the thesis's 200 have none there."""
@@ -68,12 +70,35 @@ class Case:
         rates[self.heavy(segments)] = self.damping
         return rates
 
-    def model(self, segments: int) -> of.Model:
-        """The string, plucked near L/4 in x (0.01 N) and near L/30, a node of none of its lines, in y (0.1 N)."""
+    def factors(self, segments: int) -> dict[int, float]:
+        """What the masses of the heavy beads are multiplied by."""
         plain = strings.DENSITY * strings.LENGTH / segments
-        heavy = dict.fromkeys(self.heavy(segments), 1 + HEAVY_MASS / plain)
-        plucks = [Pluck(round(segments / 4), 0.01, 0), Pluck(round(segments / 30), 0.1, 1)]
-        return strings.string(segments, plucks, damping=self.rates(segments), heavy=heavy)
+        return dict.fromkeys(self.heavy(segments), 1 + HEAVY_MASS / plain)
+
+    @property
+    def alike(self) -> bool:
+        """Whether all beads are damped alike."""
+        return self.damping == strings.DAMPING
+
+    @property
+    def form(self) -> Form:
+        """Of the bending: hard damping leaves bends so small that OpenMM's arccosine disturbs them."""
+        return "arccosine" if self.alike else "arctangent"
+
+    def model(self, segments: int, *, weaker: float = 1.0, form: Form | None = None) -> of.Model:
+        """The string, plucked near L/4 in x (0.01 N) and near L/30, a node of none of its lines, in y (0.05 N).
+
+        Both plucks are divided by `weaker`; `form` is that of the bending, by default the case's.
+        """
+        places = (round(segments / 4), 0.01, 0), (round(segments / 30), 0.05, 1)
+        plucks = [Pluck(bead, force / weaker, direction) for bead, force, direction in places]
+        return strings.string(
+            segments,
+            plucks,
+            damping=self.rates(segments),
+            heavy=self.factors(segments),
+            form=form or self.form,
+        )
 
 
 _TWO = (Fraction(2, 5), Fraction(2, 3))
@@ -115,14 +140,15 @@ class Modes:
 
 
 def exact(case: Case, segments: int, timestep: float, tension: float = strings.TENSION) -> Modes:
-    """All modes across the string, from its matrices."""
+    """All modes across the string, from its matrices, in rising order of their frequencies."""
     masses, rates = case.masses(segments)[1:-1], case.rates(segments)[1:-1]
     stiffness = matrices(segments, tension)
     squared, vectors = linalg.eigh(stiffness, np.diag(masses))
     size = len(masses)
     pull, drag = -stiffness / masses[:, None], -np.diag(rates)
     flow = np.block([[np.zeros((size, size)), np.eye(size)], [pull, drag]])
-    kick = np.block([[np.eye(size), np.zeros((size, size))], [timestep * pull, np.eye(size) + timestep * drag]])
+    felt = pull * (1 - strings.DAMPING * timestep / 2 if case.alike else 1.0)  # see stage.alike
+    kick = np.block([[np.eye(size), np.zeros((size, size))], [timestep * felt, np.eye(size) + timestep * drag]])
     drift = np.block([[np.eye(size), timestep * np.eye(size)], [np.zeros((size, size)), np.eye(size)]])
     smooth = linalg.eigvals(flow)
     steps = np.log(linalg.eigvals(drift @ kick)) / timestep
@@ -174,7 +200,7 @@ def play(
 ) -> Playing:
     """Pluck, run and fit."""
     model, timestep = case.model(segments), 1 / (rate * every)
-    context = strings.start(model, rate, every)
+    context = strings.start(model, rate, every, alike=case.alike)
     modes = exact(case, segments, timestep)
     masses = case.masses(segments)
     shapes = modes.shapes[:_FITTED]
@@ -204,6 +230,15 @@ def play(
         sound,
         beads,
     )
+
+
+def sounding(
+    case: Case, segments: int, seconds: float, rate: float, every: int, *, weaker: float, form: Form
+) -> tuple[Array, Modes]:
+    """The sound after the pluck, as in `Playing`, and the exact modes; for `weaker` and `form` see `Case.model`."""
+    context = strings.start(model := case.model(segments, weaker=weaker, form=form), rate, every, alike=case.alike)
+    motion = of.record(model, context, round(seconds * rate), every, observe=lambda x: x[1:-1, 0].mean())
+    return stage.metres(motion.values)[strings.released(motion)], exact(case, segments, 1 / (rate * every))
 
 
 def _fit(motion: Array, rate: float) -> analysis.DampedSinusoids:

@@ -10,29 +10,34 @@ import numpy as np
 from openmm_filament import analysis
 from systems import strings
 from systems.weighted_string.chain import LINES, Playing
+from systems.weighted_string.remainder import Remainder
 
 __all__ = ["decay", "shapes", "spectra"]
 
+_FAINTEST = 1e-7
+"""Faintest amplitude shown, over the largest."""
 
-def spectra(path: Path, runs: Sequence[Playing]) -> None:
-    """Spectrum of the sound of each case, with the exact lines and those of the unloaded string."""
+
+def spectra(path: Path, runs: Sequence[Playing], leftovers: Sequence[Remainder]) -> None:
+    """Spectrum of the sound of each case and what the exact modes leave of it, with their lines and the unloaded string's."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 9), layout="constrained")
     axes = figure.subplots(len(runs), 1, sharex=True, sharey=True)
     segments = runs[0].beads.shape[1] - 1
     plain = strings.discrete_law(np.arange(1, LINES + 1), segments)
-    for ax, run in zip(axes, runs, strict=True):
+    for ax, run, left in zip(axes, runs, leftovers, strict=True):
         spectrum = analysis.spectrum(run.sound, 1 / run.rate)
         top = spectrum.amplitudes[spectrum.frequencies > 20].max()
         exact = run.modes.frequencies[:LINES]
-        ax.vlines(exact, 1e-6, 2, color="C1", lw=0.9, alpha=0.6, label="exact lines of the loaded string")
-        ax.vlines(plain, 1e-6, 3e-6, color="k", lw=1.5, label="harmonics without load")
+        ax.vlines(exact, _FAINTEST, 2, color="C1", lw=0.9, alpha=0.6, label="exact lines of the loaded string")
+        ax.vlines(plain, _FAINTEST, 3 * _FAINTEST, color="k", lw=1.5, label="harmonics without load")
         ax.semilogy(spectrum.frequencies, spectrum.amplitudes / top, "C0-", lw=1, label="simulated, mean of the beads")
-        ax.set(ylabel="amplitude / largest", title=run.case.label, xlim=(0, 1.03 * exact[-1]), ylim=(1e-6, 2))
-    axes[0].legend(loc="upper right", fontsize=9)
+        ax.semilogy(left.frequencies, left.amplitudes, color="0.35", lw=0.6, label="what the exact modes leave of it")
+        ax.set(ylabel="amplitude / largest", title=run.case.label, xlim=(0, 1.03 * exact[-1]), ylim=(_FAINTEST, 2))
+    axes[0].legend(loc="upper right", fontsize=8, ncols=2)
     axes[-1].set_xlabel("frequency (Hz)")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=110)
 
 
 def decay(path: Path, runs: Sequence[Playing]) -> None:
@@ -53,7 +58,7 @@ def decay(path: Path, runs: Sequence[Playing]) -> None:
         title="Heavy beads damped harder: low modes, which move them, decay faster",
     )
     ax.legend(fontsize=9)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=110)
 
 
 def shapes(path: Path, runs: Sequence[Playing]) -> None:
@@ -80,4 +85,4 @@ def shapes(path: Path, runs: Sequence[Playing]) -> None:
         row[1].legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     for ax in axes[1]:
         ax.set_xlabel("position along the string (mm)")
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=110)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,11 +99,13 @@ def tense(segments: int, tension: float = TENSION) -> of.Model:
     return of.build(filament, [of.loads.Hold([0, -1]), of.loads.Tension(tension * unit.newton)])
 
 
-def free(segments: int, *, damping: float | None = None) -> of.Model:
-    """The bar as played: free ends with half masses, no tension; `damping` of every bead in 1/s."""
+def free(
+    segments: int, *, damping: float | None = None, form: Literal["arccosine", "arctangent"] = "arccosine"
+) -> of.Model:
+    """The bar as played: free ends with half masses, no tension; `damping` of every bead in 1/s, `form` of its bending."""
     filament = stage.wire(
         segments, length=LENGTH, radius=RADIUS, youngs_modulus=YOUNG, line_density=DENSITY, damping=damping,
-        masses=_masses(segments), softer=softness(segments),
+        masses=_masses(segments), softer=softness(segments), form=form,
     )  # fmt: skip
     return of.build(filament)
 
