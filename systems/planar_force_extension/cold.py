@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ __all__ = [
     "nearly_straight",
     "pulled",
     "reduced_force",
-    "shape_at",
+    "shapes_at",
 ]
 
 Array = NDArray[np.float64]
@@ -105,14 +105,14 @@ def let_go(curve: Curve) -> list[Point]:
     return points
 
 
-def shape_at(reduced: float) -> Array:
-    """The equilibrium (31, 3) in segments l0 under a force in alpha/l0, reached from rest in steps of a factor 1.5."""
-    young = chain.YOUNG[0]
-    unit_force = chain.rigidities(young)[1] / chain.STEP
-    low = min(1e-3, reduced)
-    count = 1 + int(np.ceil(np.log(reduced / low) / np.log(1.5)))
-    forces = np.geomspace(low, reduced, count) * unit_force if count > 1 else np.array([reduced * unit_force])
-    return pulled(young, forces).points[-1].positions / chain.STEP
+def shapes_at(reduced: Sequence[float]) -> list[Array]:
+    """The equilibria (31, 3) in segments l0 under rising forces in alpha/l0, led on from rest by a factor 2 at most."""
+    unit_force = chain.rigidities(chain.YOUNG[0])[1] / chain.STEP
+    path = [reduced[0] / 8]
+    for force in reduced:
+        path += np.geomspace(path[-1], force, 2 + int(np.log2(force / path[-1])))[1:].tolist()
+    points = pulled(chain.YOUNG[0], np.array(path) * unit_force).points
+    return [points[path.index(force)].positions / chain.STEP for force in reduced]
 
 
 def compliance(young: float) -> float:

@@ -85,75 +85,73 @@ def answer(path: Path, curves: Sequence[cold.Curve], sampled: Sequence[Sampled],
     """Whether missing noise explains the misfit: hot curves, how each shortening ends, and the misfit against temperature."""
     from matplotlib.figure import Figure
 
-    del curves
-    figure = Figure(figsize=(15.0, 5.6), layout="constrained")
+    figure = Figure(figsize=(16.0, 6.4), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     _draw_curves(left, sampled, levels)
-    _draw_shortening(middle, levels)
+    _draw_shortening(middle, curves)
     _draw_misfit(right, levels)
     figure.suptitle(
-        "Is missing thermal noise why no worm-like chain fits? The same planar chain, cold and hot", fontsize=13
+        "Is missing thermal noise why no worm-like chain fits? The same planar chain, cold and hot", fontsize=14
     )
-    figure.savefig(path, dpi=140)
+    figure.savefig(path, dpi=130)
 
 
 def _colour(heat: float) -> tuple[float, float, float, float]:
     from matplotlib import colormaps
 
-    return colormaps["plasma"](0.02 + 0.88 * (np.log10(heat) + 3) / 5)  # type: ignore[no-any-return]
+    return colormaps["plasma"](0.02 + 0.86 * (np.log10(heat) + 3) / 5)
 
 
 def _draw_curves(ax: Axes, sampled: Sequence[Sampled], levels: Sequence[warm.Level]) -> None:
+    from matplotlib.lines import Line2D
+
     zero = levels[0]
-    ax.plot(zero.force, zero.extension, "k-", lw=1.6, label="cold: static equilibrium")
-    fine = np.geomspace(1e-3, 10, 60)
-    for heat in (0.01, *warm.FREE):
+    ax.plot(zero.force, zero.extension, "k-", lw=1.8)
+    fine = np.geomspace(1e-3, 10, 33)
+    for heat in (warm.STUCK, *warm.FREE):
         scale = warm.at_ease(heat)
-        ax.plot(fine, chain.Reduced(heat).exact(fine * scale), "-", lw=1.2, color=_colour(heat), label=f"{heat:g}")
-    seen = set()
+        drawn = chain.Reduced(heat, warm.SOFTER * scale).exact(fine * scale) / (1 + fine / warm.SOFTER)
+        ax.plot(fine, drawn, "-", lw=1.3, color=_colour(heat))
+    marks = {"free": "o", "frozen": "s", "stuck": "x"}
     for s in sampled:
-        kind, scale = warm.kind(s.job), warm.at_ease(s.job.heat)
-        style = {"free": ("o", "full"), "frozen": ("s", "full"), "stuck": ("x", "full")}[kind]
-        label = {
-            "free": "OpenMM, joints free",
-            "frozen": "OpenMM, joints frozen ($10^{-3}$)",
-            "stuck": "OpenMM, joints stuck",
-        }[kind]
+        bare = warm.stretch(s.job)
         ax.errorbar(
-            s.job.force / scale, s.extension, 2 * s.error, fmt=style[0], ms=5, capsize=2, color=_colour(s.job.heat),
-            label=label if kind not in seen else None,
+            s.job.force / warm.at_ease(s.job.heat), s.extension / bare, 2 * s.error / bare, fmt=marks[warm.kind(s.job)],
+            ms=5, capsize=2, color=_colour(s.job.heat),
         )  # fmt: skip
-        seen.add(kind)
     ax.set(
-        xscale="log", ylim=(-0.03, 1.05), xlabel="force times l0 over the larger of alpha and k_BT",
-        ylabel="mean extension over contour", title="Sampled in 2D against the exact discrete chain",
+        xscale="log", ylim=(-0.03, 1.55), xlabel="force times l0, over the larger of alpha and k_BT",
+        ylabel="mean extension over contour, stretch taken out", title="OpenMM in 2D against the exact discrete chain",
+        yticks=np.linspace(0, 1, 6),
     )  # fmt: skip
-    ax.legend(fontsize=8.5, loc="upper left", title="k_BT/alpha; bars: 2 standard errors", title_fontsize=8.5)
+    lines = [Line2D([], [], color="k", lw=1.8, label="cold: static equilibrium")]
+    lines += [
+        Line2D([], [], color=_colour(heat), label=f"exact, k_BT/alpha = {heat:g}") for heat in (warm.STUCK, *warm.FREE)
+    ]
+    texts = {"free": "OpenMM, joints free", "frozen": "joints frozen, 0.001", "stuck": "stuck, 0.001 and 0.01"}
+    lines += [Line2D([], [], color="0.3", ls="", marker=mark, label=texts[kind]) for kind, mark in marks.items()]
+    ax.legend(
+        handles=lines, fontsize=8.5, loc="upper left", ncols=2, title="bars: 2 standard errors", title_fontsize=8.5
+    )
 
 
-def _draw_shortening(ax: Axes, levels: Sequence[warm.Level]) -> None:
-    f = np.geomspace(1e-2, 300, 50)
-    young = chain.YOUNG[0]
-    shapes = cold.pulled(young, f[::2] * chain.rigidities(young)[1] / chain.STEP).points
-    taken = np.array([p.extension for p in shapes]) / chain.CONTOUR / (1 + f[::2] / chain.STIFFNESS_RATIO)
-    ax.plot(f[::2], 1 - taken, "k-", lw=1.6, label="cold: static equilibrium")
-    del levels
+def _draw_shortening(ax: Axes, curves: Sequence[cold.Curve]) -> None:
+    cold_points = sorted(
+        (cold.reduced_force(c.young, p.force), p.extension / chain.CONTOUR) for c in curves for p in c.converged
+    )
+    at, taken = np.array([point for point in cold_points if 3e-3 < point[0] < 100]).T
+    ax.plot(at, 1 - taken / (1 + at / chain.STIFFNESS_RATIO), "k-", lw=1.8, label="cold: static equilibrium")
+    f = np.geomspace(3e-3, 100, 25)
     for heat in (0.1, 1.0):
         for bent, style in ((True, "-"), (False, "--")):
             short = 1 - chain.Reduced(heat, bent=bent).exact(f) / (1 + f / chain.STIFFNESS_RATIO)
-            ax.plot(
-                f,
-                short,
-                style,
-                color=_colour(heat),
-                lw=1.2,
-                label=f"k_BT/alpha = {heat:g}, {'bent' if bent else 'straight'} at rest",
-            )
-        ax.plot(f, heat / 4 / np.sqrt(f * heat) / np.sqrt(heat) * np.sqrt(heat), ":", color=_colour(heat), lw=1.4)
-    ax.plot([], [], ":", color="0.4", label="(3.10): worm-like chain, 1/√F")
+            label = f"k_BT/alpha = {heat:g}, {'bent' if bent else 'straight'} at rest"
+            ax.plot(f, short, style, color=_colour(heat), lw=1.3, label=label)
+        ax.plot(f, heat / (4 * np.sqrt(f)), ":", color=_colour(heat), lw=1.5)
+    ax.plot([], [], ":", color="0.4", label="(3.10) of the straight chain, 1/√F")
     ax.set(
-        xscale="log", yscale="log", ylim=(1e-5, 1.2), xlabel="force times l0/alpha", ylabel="1 - x/L, stretch taken out",
-        title="How it straightens: the cold chain as 1/F²,\nsegments with noise as 1/F, a worm-like chain as 1/√F",
+        xscale="log", yscale="log", ylim=(1e-5, 1.3), xlabel="force times l0/alpha", ylabel="1 - x/L, stretch taken out",
+        title="The end: cold as 1/F², segments with noise\nas 1/F, a worm-like chain as 1/√F",
     )  # fmt: skip
     ax.legend(fontsize=8.5, loc="lower left")
 
@@ -165,7 +163,11 @@ def _draw_misfit(ax: Axes, levels: Sequence[warm.Level]) -> None:
     names = {"bent": "bends free to turn over", "frozen": "bends frozen", "straight": "straight at rest"}
     for form, (color, marker) in looks.items():
         ax.axhline(zero.fits[form].rms, color=color, lw=1)
-        ax.text(90, zero.fits[form].rms * 1.03, f"cold, {form}", color=color, fontsize=8.5, ha="right")
+        above = form == EXACT
+        ax.text(
+            90, zero.fits[form].rms * (1.03 if above else 0.97), f"cold chain, {form}", color=color, fontsize=8.5, ha="right",
+            va="bottom" if above else "top",
+        )  # fmt: skip
         for name, style in styles.items():
             chosen = [v for v in levels if v.name == name and v.heat > 0]
             ax.plot(
@@ -177,7 +179,7 @@ def _draw_misfit(ax: Axes, levels: Sequence[warm.Level]) -> None:
     for name, style in styles.items():
         ax.plot([], [], "k" + style, label=names[name])
     ax.set(
-        xscale="log", yscale="log", ylim=(5e-3, 0.2), xlabel="k_BT/alpha", ylabel="rms misfit of the best fit (of L)",
+        xscale="log", yscale="log", ylim=(4e-3, 0.2), xlabel="k_BT/alpha", ylabel="rms misfit of the best fit (of L)",
         title="What the best worm-like chain leaves, exact curves",
     )  # fmt: skip
     ax.legend(fontsize=8.5, loc="lower right")
@@ -194,7 +196,8 @@ def pictures(folder: Path, curve: cold.Curve) -> list[str]:
     spread, floor = [], 0.0
     for i, height in zip(chosen, tall, strict=True):
         floor -= height + 0.008
-        spread.append((points[i].positions + (0.0, floor - points[i].positions[:, 1].min(), 0.0)) * unit.meter)
+        lift = np.array([0.0, floor - points[i].positions[:, 1].min(), 0.0])
+        spread.append((points[i].positions + lift) * unit.meter)
     labels = ", ".join(f"{points[i].force:.2g}" for i in chosen)
     title = f"Random planar chain, E = {curve.young / 1e9:g} GPa, pulled cold"
     of.rendering.still(spread, folder / "still.png", radius=radius, title=f"{title} with {labels} N", plane="xy")

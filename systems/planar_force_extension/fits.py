@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
 
 from openmm_filament import wlc
@@ -27,8 +29,17 @@ def _marko_siggia(force: Array, scale: float) -> Array:
     return np.asarray(wlc.extension_marko_siggia(force / scale, 1.0, 1.0, 1.0))
 
 
+@lru_cache(maxsize=1)
+def _tabulated() -> CubicSpline:
+    logarithm = np.linspace(-6.0, 6.0, 241)
+    return CubicSpline(logarithm, wlc.extension_exact(10**logarithm, 1.0, 1.0, 1.0, dimension=2))
+
+
 def _exact(force: Array, scale: float) -> Array:
-    return np.asarray(wlc.extension_exact(force / scale, 1.0, 1.0, 1.0, dimension=2))
+    """The infinite chain in a plane, from a table good to 1e-6 between its two limits."""
+    f = force / scale
+    between = _tabulated()(np.log10(np.clip(f, 1e-6, 1e6)))
+    return np.asarray(np.where(f < 1e-6, 2 * f, np.where(f > 1e6, 1 - 0.25 / np.sqrt(f), between)))
 
 
 FORMS: dict[str, Callable[[Array, float], Array]] = {

@@ -107,7 +107,7 @@ def sample(job: Job) -> Sampled:
     if job.start is None or not job.keep:
         of.preflight(model, context)
     stride = max(1, round(_SAMPLE_TIME / (rate * dt)))
-    count = max(40, round(job.bead_steps / (x[..., 0].size * stride)))
+    count = max(20, round(job.bead_steps / (x[..., 0].size * stride)))
     integrator.step(round(_WARM_UP_TIME / (rate * dt)))
     extensions = np.empty((REPLICAS, count))
     turned = np.zeros(len(chain.BENDS))
