@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from openmm import unit
@@ -96,7 +96,7 @@ def answer(path: Path, curves: Sequence[cold.Curve], sampled: Sequence[Sampled],
     figure.savefig(path, dpi=130)
 
 
-def _colour(heat: float) -> tuple[float, float, float, float]:
+def _colour(heat: float) -> Any:
     from matplotlib import colormaps
 
     return colormaps["plasma"](0.02 + 0.86 * (np.log10(heat) + 3) / 5)

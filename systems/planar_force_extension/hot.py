@@ -110,7 +110,7 @@ def sample(job: Job) -> Sampled:
     count = max(20, round(job.bead_steps / (x[..., 0].size * stride)))
     integrator.step(round(_WARM_UP_TIME / (rate * dt)))
     extensions = np.empty((REPLICAS, count))
-    turned = np.zeros(len(chain.BENDS))
+    turned: Array = np.zeros(len(chain.BENDS))
     signs = np.sign(chain.signed_bends(_positions(context)))
     kT = units.BOLTZMANN * heat
     force = pull / model.scale.factor("force")
@@ -130,7 +130,7 @@ def sample(job: Job) -> Sampled:
             kept.append(x[0] * model.scale.length)
     return _estimated(
         job,
-        extensions * model.scale.length / (chain.SEGMENTS * step),
+        np.asarray(extensions * model.scale.length / (chain.SEGMENTS * step)),
         turned,
         np.array(kept),
         (1 + np.arange(len(kept))) * stride * dt * model.scale.factor("time") * 1e-12,
@@ -183,13 +183,13 @@ def mirrored(x: Array, v: Array, pull: float, heat: float, rng: np.random.Genera
     """
     chains, beads, _ = x.shape
     rows = np.arange(chains)
-    first, last = np.sort(rng.permuted(np.tile(np.arange(beads), (chains, 1)), axis=1)[:, :2], axis=1).T
-    pivots = rng.random(chains) < 0.5
-    first = np.where(pivots, np.minimum(first, beads - 2), first)
-    end = np.where(pivots, first + 1, last)
-    axis = x[rows, end] - x[rows, first]
+    ends: NDArray[np.int64] = np.sort(rng.permuted(np.tile(np.arange(beads), (chains, 1)), axis=1)[:, :2], axis=1)
+    pivots: NDArray[np.bool_] = np.asarray(rng.random(chains) < 0.5)
+    first: NDArray[np.int64] = np.where(pivots, np.minimum(ends[:, 0], beads - 2), ends[:, 0])
+    end: NDArray[np.int64] = np.where(pivots, first + 1, ends[:, 1])
+    axis: Array = x[rows, end] - x[rows, first]
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    origin = x[rows, first][:, None]
+    origin: Array = x[rows, first][:, None]
     bead = np.arange(beads)
     inside = np.where(pivots[:, None], bead > end[:, None], (bead > first[:, None]) & (bead < end[:, None]))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ def fits_of(curves: Sequence[cold.Curve]) -> dict[float, list[fits.Fit]]:
     return out
 
 
-def _write(path: Path, heading: Sequence[str], rows: Iterable[Sequence[str | float | int]]) -> None:
+def _write(path: Path, heading: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     with path.open("w", newline="") as out:
         writer = csv.writer(out)
         writer.writerow(heading)
