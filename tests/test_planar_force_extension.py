@@ -108,10 +108,9 @@ def test_sampled_points_that_are_off_fail_the_check(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(report, "_zero_temperature", list)  # tested by the quick run: it takes a second
     job = hot.Job(1.0, 100.0, 1.0, 1e6, 5)
     exact = warm.exact(job)
-    empty = np.zeros((0, 31, 3))
 
     def checks(extension: float) -> dict[str, bool]:
-        sampled = hot.Sampled(job, extension, 0.001, 100.0, 1.0, np.zeros(29), empty, np.zeros(0))
+        sampled = hot.Sampled(job, extension, 0.001, 100.0, 1.0, np.zeros(29))
         return {check.name: check.passed for check in report.hot_checks([sampled])}
 
     assert all(checks(exact + 0.001).values())

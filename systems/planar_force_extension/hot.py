@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import openmm as mm
@@ -53,15 +54,13 @@ class Job:
     seed: int
     start: Array | None = None
     moves: bool = True
-    keep: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """What a job gave: extension over contour with its standard error, and how the chains moved.
 
-    `turned` (29,) is the number of changes of sign of each joint over all chains and samples, `frames` (keep, 31, 3) in nm
-    at `times` in s.
+    `turned` (29,) is the number of changes of sign of each joint over all chains and samples.
     """
 
     job: Job
@@ -70,8 +69,6 @@ class Sampled:
     samples: float
     r_hat: float
     turned: Array
-    frames: Array
-    times: Array
 
 
 def run(jobs: Sequence[Job], progress: Callable[[float], None]) -> list[Sampled]:
@@ -104,8 +101,7 @@ def sample(job: Job) -> Sampled:
         x = np.broadcast_to(job.start * step / model.scale.length, (REPLICAS, *job.start.shape))
     context.setPositions(x.reshape(-1, 3))
     context.setVelocitiesToTemperature(heat, job.seed)
-    if job.start is None or not job.keep:
-        of.preflight(model, context)
+    of.preflight(model, context)
     stride = max(1, round(_SAMPLE_TIME / (rate * dt)))
     count = max(20, round(job.bead_steps / (x[..., 0].size * stride)))
     integrator.step(round(_WARM_UP_TIME / (rate * dt)))
@@ -114,7 +110,6 @@ def sample(job: Job) -> Sampled:
     signs = np.sign(chain.signed_bends(_positions(context)))
     kT = units.BOLTZMANN * heat
     force = pull / model.scale.factor("force")
-    kept: list[Array] = []
     for i in range(count):
         integrator.step(stride)
         if job.moves:
@@ -126,18 +121,10 @@ def sample(job: Job) -> Sampled:
         now = np.sign(chain.signed_bends(x))
         turned += (now != signs).sum(axis=0)
         signs = now
-        if len(kept) < job.keep:
-            kept.append(x[0] * model.scale.length)
-    return _estimated(
-        job,
-        np.asarray(extensions * model.scale.length / (chain.SEGMENTS * step)),
-        turned,
-        np.array(kept),
-        (1 + np.arange(len(kept))) * stride * dt * model.scale.factor("time") * 1e-12,
-    )
+    return _estimated(job, np.asarray(extensions * (model.scale.length / (chain.SEGMENTS * step)), dtype=float), turned)
 
 
-def _estimated(job: Job, extensions: Array, turned: Array, frames: Array, times: Array) -> Sampled:
+def _estimated(job: Job, extensions: Any, turned: Array) -> Sampled:
     from arviz_stats.base import array_stats
 
     def of_chains(name: str, **more: str) -> float:
@@ -150,8 +137,6 @@ def _estimated(job: Job, extensions: Array, turned: Array, frames: Array, times:
         of_chains("ess", method="mean"),
         of_chains("rhat"),
         turned,
-        frames,
-        times,
     )
 
 
