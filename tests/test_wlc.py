@@ -516,17 +516,18 @@ def test_linear_response_of_the_discrete_chain(dimension, stretching, stiffness)
     assert_allclose(z, force * squared / (dimension * kT), rtol=RESPONSE)
 
 
-@pytest.mark.parametrize("flip", [True, False])
+@pytest.mark.parametrize("flip", [True, False, np.arange(19) % 3 == 0])
 def test_linear_response_of_a_bent_planar_chain(flip):
     """`<t_i.t_j>` is the real part of the product of `<exp(i phi)>` over the joints between."""
     stiffness, rest = 8.0, np.random.default_rng(5).uniform(0.2, 1.5, 19)
+    rest = np.where(np.broadcast_to(flip, 19), rest, rest * np.resize([1, -1, -1], 19))
     factors = []
-    for angle in rest:
-        ends = [0.0, math.pi] if flip else [angle - math.pi, angle + math.pi]
+    for angle, free in zip(rest, np.broadcast_to(flip, 19), strict=True):
+        ends = [0.0, math.pi] if free else [angle - math.pi, angle + math.pi]
         phi, w = panel(*ends, 120)
         weight = w * np.exp(-stiffness * (phi - angle) ** 2 / 2)
         value = np.sum(weight * np.exp(1j * phi)) / weight.sum()
-        factors.append(value.real if flip else value)
+        factors.append(value.real if free else value)
     squared = 20.0
     for i in range(19):
         squared += 2 * np.cumprod(factors[i:]).real.sum()
@@ -645,6 +646,13 @@ def test_mean_squared_end_to_end_discrete_closed_form():
         ({"rest_angles": -0.1}, r"`rest_angles` must lie in \[0.0, 3.14"),
         ({"rest_angles": 0.1, "bending_form": "cosine"}, "`rest_angles` must be 0 for the cosine form"),
         ({"flip": False}, "`flip` must be True in three dimensions"),
+        ({"flip": [True, False], "dimension": 2}, r"`flip` must have shape \(9,\)"),
+        (
+            {"flip": np.arange(9) > 3, "rest_angles": -0.1, "dimension": 2},
+            "`rest_angles` must not be negative where a joint",
+        ),
+        # 1000 kT per rad^2 bent by 2 rad: straightened to weights of 1e-870
+        ({"force": 500.0, "bending": 1000.0, "rest_angles": 2.0, "flip": False, "dimension": 2}, "weights underflow"),
         ({"dimension": 1}, "`dimension` must be one of 2, 3"),
         ({"force": 1e6, "dimension": 2, "rest_angles": 0.1}, "`force` must be weaker"),
     ],

@@ -23,7 +23,8 @@ __all__ = ["DiscreteChain"]
 class DiscreteChain:
     """The arguments of `extension_discrete` after the force, in its order, checked once.
 
-    `joints`, (segments - 1, 2), holds alpha/kT and rest angle of each joint in place of `bending` and `rest_angles`.
+    `joints`, (segments - 1, 3), holds alpha/kT, rest angle and whether it may flip (1 or 0) of each joint, in place of
+    `bending`, `rest_angles` and `flip`.
 
     Raises
     ------
@@ -38,22 +39,26 @@ class DiscreteChain:
     stretching: float | None
     bending_form: BendingForm
     rest_angles: InitVar[ArrayLike]
-    flip: bool
+    flip: InitVar[ArrayLike]
     dimension: int
     joints: Floats = field(init=False)
 
-    def __post_init__(self, bending: ArrayLike, rest_angles: ArrayLike) -> None:
+    def __post_init__(self, bending: ArrayLike, rest_angles: ArrayLike, flip: ArrayLike) -> None:
         check_joint(self.bending_form, self.dimension)
         segments, kT = check.integer("segments", self.segments, low=1), positive_scalar("kT", self.kT)
         stiffness = check.non_negative("bending", bending) / kT
-        rest = check.within("rest_angles", rest_angles, 0.0 if self.flip else -math.pi, math.pi, unit="rad")
-        joints = np.empty((segments - 1, 2))
-        for column, (name, values) in enumerate((("bending", stiffness), ("rest_angles", rest))):
+        free = np.asarray(flip, dtype=float)
+        low = 0.0 if free.all() else -math.pi
+        rest = check.within("rest_angles", rest_angles, low, math.pi, unit="rad")
+        joints = np.empty((segments - 1, 3))
+        for column, (name, values) in enumerate((("bending", stiffness), ("rest_angles", rest), ("flip", free))):
             joints[:, column] = values if values.ndim == 0 else check.shape(name, values, (segments - 1,))
+        if (signed := (joints[:, 2] == 1) & (joints[:, 1] < 0)).any():
+            raise check.fail("rest_angles", "not be negative where a joint may flip", joints[signed, 1][0])
         if self.bending_form == "cosine" and rest.any():
             raise check.fail("rest_angles", "be 0 for the cosine form", rest_angles)
-        if self.dimension == 3 and not self.flip:
-            raise check.fail("flip", "be True in three dimensions, where an angle has no sign", self.flip)
+        if self.dimension == 3 and not free.all():
+            raise check.fail("flip", "be True in three dimensions, where an angle has no sign", flip)
         length = positive_scalar("bond_length", self.bond_length)
         stretching = None if self.stretching is None else positive_scalar("stretching", self.stretching)
         checked = {"segments": segments, "bond_length": length, "kT": kT, "stretching": stretching, "joints": joints}

@@ -29,6 +29,8 @@ _TAIL = 1e-10  # largest admitted last coefficients of a message, relative to it
 _NOISE = 1e-15  # rounding of a message after a Legendre transform, relative to its largest value
 _TOLERANCE = 1e-8  # what is promised of an extension
 _TINY = 1e-300
+_LOST = math.log(1e-285)  # logarithm of the values of a message below which rounding to _TINY may be felt
+_NEGLIGIBLE = 45.0  # logarithm of the largest over the smallest weight that counts in a sum
 _BATCH = 48  # forces that travel along the chain together
 
 
@@ -47,6 +49,9 @@ def _propagate(operator: Planar | Spatial, chain: DiscreteChain, force: Floats) 
         log_joint = log_weight + log_message
         peak = log_joint.max(axis=0)
         amplified = max(amplified, float((top + log_message.max(axis=0) - peak).max()))
+        lost = ((log_message < _LOST) & (log_joint > peak - _NEGLIGIBLE)).any(axis=0)
+        if lost.any():
+            raise check.fail("force", "be weaker for joints this stiff and bent (weights underflow)", force[lost].min())
         joint = np.exp(log_joint - peak)
         derivative = joint * (pull + slope)
         if bond < chain.segments - 1:
@@ -93,7 +98,7 @@ def extension_discrete(
     stretching: float | None = None,
     bending_form: BendingForm = "harmonic",
     rest_angles: ArrayLike = 0.0,
-    flip: bool = True,
+    flip: ArrayLike = True,
     dimension: int = 3,
 ) -> float | Floats:
     """Mean extension of the finite discrete chain with free ends, exact, for the potentials that are simulated.
@@ -122,10 +127,10 @@ def extension_discrete(
     rest_angles : array_like
         beta0 in [0, pi], scalar or one per joint, (N-1,); 0 for the cosine form. In three dimensions a bent joint turns
         freely about the bond before it (no torsion).
-    flip : bool
-        In two dimensions, whether a bent joint may bend either way: True takes the unsigned angle, a double well; False
-        freezes each sign, `E_j = 1/2 alpha_j (phi_j - phi0_j)^2` with the difference wrapped into (-pi, pi] and
-        `rest_angles` signed, in [-pi, pi]. The chain as a whole turns freely in both cases.
+    flip : array_like of bool
+        In two dimensions, whether a bent joint may bend either way, for all joints or one each, (N-1,): True takes the
+        unsigned angle, a double well; False freezes the sign, `E_j = 1/2 alpha_j (phi_j - phi0_j)^2` with the difference
+        wrapped into (-pi, pi] and its rest angle signed, in [-pi, pi]. The chain as a whole turns freely in every case.
     dimension : int
         2 or 3.
 
@@ -138,8 +143,8 @@ def extension_discrete(
     Raises
     ------
     ValueError
-        If an argument is out of its range, or (in three dimensions, bent joints) if the force straightens joints so stiff
-        that the result would be lost to rounding: `alpha beta0^2/2` beyond about 16 kT.
+        If an argument is out of its range, or if the force straightens bent joints so stiff that the result would be lost
+        to rounding: `alpha beta0^2/2` beyond about 16 kT in three dimensions, to underflow beyond about 650 kT in two.
 
     Examples
     --------
@@ -168,7 +173,7 @@ def force_discrete(
     stretching: float | None = None,
     bending_form: BendingForm = "harmonic",
     rest_angles: ArrayLike = 0.0,
-    flip: bool = True,
+    flip: ArrayLike = True,
     dimension: int = 3,
 ) -> float | Floats:
     """Force at which the discrete chain has this mean extension: the inverse of `extension_discrete`.

@@ -77,14 +77,14 @@ class Planar:
         stiffest = joints[:, 0].max(initial=0.0)
         bent = bool(joints[:, 1].any())
         kinked = chain.bending_form == "harmonic" and (
-            (chain.flip and bent) or joints[:, 0].min(initial=np.inf) * math.pi**2 / 2 < CUT
+            (bent and joints[:, 2].any()) or joints[:, 0].min(initial=np.inf) * math.pi**2 / 2 < CUT
         )
         # An integrand exp(-c theta^2/2) has frequencies up to 7.7 sqrt(c), which the sampling rate must exceed; beside
         # a kink they must stay below 0.3 of it.
         band = 7.7 * math.sqrt(2 * stiffest + (2 if kinked else 1) * curvature)
         size = 4 * math.ceil(refine * (band / 0.3 if kinked else band + 16) / 4)
         self.size = max(size, 128)
-        self.even = chain.flip or not bent  # its mirror image weighs the same: half the circle
+        self.even = bool(joints[:, 2].all()) or not bent  # its mirror image weighs the same: half the circle
         self.nodes = 2 * math.pi * (np.arange(self.size // 2 if self.even else self.size) + 0.5) / self.size
         self.cosines, self.weights = np.cos(self.nodes), np.full(self.nodes.shape, 2 * math.pi / self.size)
         if len(self.nodes) > _LARGEST:
@@ -94,8 +94,8 @@ class Planar:
     def __call__(self, joint: int, messages: Floats) -> Floats:
         joints = self.chain.joints
         if self.built < 0 or (joints[joint] != joints[self.built]).any():
-            stiffness, rest = joints[joint].tolist()
-            kernel = _kernel(stiffness, rest, self.chain.bending_form, self.chain.flip, self.size)
+            stiffness, rest, flip = joints[joint].tolist()
+            kernel = _kernel(stiffness, rest, self.chain.bending_form, flip == 1, self.size)
             kernel /= kernel.sum()
             size = len(self.nodes)
             self.matrix = linalg.toeplitz(kernel[:size], np.roll(kernel[::-1], 1)[:size])  # kernel[i - j]
