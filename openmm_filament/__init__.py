@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from openmm_filament.statics import equilibrium
     from openmm_filament.timestep import stable_timestep
     from openmm_filament.trajectory import load, trajectory_reporter
+    from openmm_filament.trapping import move_trap, trap_forces
 
 __version__ = "0.1.0"
 
@@ -60,6 +61,7 @@ __all__ = [
     "langevin",
     "load",
     "loads",
+    "move_trap",
     "normal_modes",
     "platform_properties",
     "pluck_reporter",
@@ -74,6 +76,7 @@ __all__ = [
     "stretching",
     "torsion",
     "trajectory_reporter",
+    "trap_forces",
     "units",
     "verlet",
     "watch",
@@ -96,6 +99,7 @@ _HOME = {
     "forces": "evaluation",
     "langevin": "integrators",
     "load": "trajectory",
+    "move_trap": "trapping",
     "normal_modes": "modes",
     "platform_properties": "platforms",
     "pluck_reporter": "motion",
@@ -104,6 +108,7 @@ _HOME = {
     "rod_terms": "rods",
     "stable_timestep": "timestep",
     "trajectory_reporter": "trajectory",
+    "trap_forces": "trapping",
     "verlet": "integrators",
     "watch": "divergence",
 }
