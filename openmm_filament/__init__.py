@@ -25,12 +25,14 @@ if TYPE_CHECKING:
     from openmm_filament.divergence import watch
     from openmm_filament.evaluation import energies, forces
     from openmm_filament.filament import Filament
+    from openmm_filament.free_energies import FreeEnergy, free_energy, free_energy_of_works
     from openmm_filament.inspection import preflight
     from openmm_filament.integrators import euler_cromer, langevin, verlet
     from openmm_filament.model import Model, build
     from openmm_filament.modes import damped_modes, normal_modes
     from openmm_filament.motion import pluck_reporter, record
     from openmm_filament.platforms import fastest_platform, platform_properties
+    from openmm_filament.protocols import clamp, ramp
     from openmm_filament.rods import Match, WormlikeChain, rod_terms
     from openmm_filament.sampling import force_extension
     from openmm_filament.statics import equilibrium
@@ -42,6 +44,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Filament",
+    "FreeEnergy",
     "Match",
     "Model",
     "WormlikeChain",
@@ -49,6 +52,7 @@ __all__ = [
     "analysis",
     "bending",
     "build",
+    "clamp",
     "damped_modes",
     "electrostatics",
     "energies",
@@ -58,6 +62,8 @@ __all__ = [
     "fastest_platform",
     "force_extension",
     "forces",
+    "free_energy",
+    "free_energy_of_works",
     "langevin",
     "load",
     "loads",
@@ -66,6 +72,7 @@ __all__ = [
     "platform_properties",
     "pluck_reporter",
     "preflight",
+    "ramp",
     "record",
     "reference",
     "rendering",
@@ -85,10 +92,12 @@ __all__ = [
 
 _HOME = {
     "Filament": "filament",
+    "FreeEnergy": "free_energies",
     "Match": "rods",
     "Model": "model",
     "WormlikeChain": "rods",
     "build": "model",
+    "clamp": "protocols",
     "damped_modes": "modes",
     "energies": "evaluation",
     "equilibrium": "statics",
@@ -97,6 +106,8 @@ _HOME = {
     "fastest_platform": "platforms",
     "force_extension": "sampling",
     "forces": "evaluation",
+    "free_energy": "free_energies",
+    "free_energy_of_works": "free_energies",
     "langevin": "integrators",
     "load": "trajectory",
     "move_trap": "trapping",
@@ -104,6 +115,7 @@ _HOME = {
     "platform_properties": "platforms",
     "pluck_reporter": "motion",
     "preflight": "inspection",
+    "ramp": "protocols",
     "record": "motion",
     "rod_terms": "rods",
     "stable_timestep": "timestep",

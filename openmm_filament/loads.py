@@ -273,14 +273,18 @@ def resolve(loads: Any, beads: int) -> Loads:
                 plane = True
             case _:
                 raise TypeError(f"Argument `loads` must hold loads such as Hold(0), but holds {load!r}.")
-    for done, summed in (("pull", pulls), ("pluck", plucks)):
-        if both := sorted(held.keys() & summed.keys()):
-            raise ValueError(
-                f"Argument `loads` must not {done} a held bead, but bead {both[0]} is both held and {done}ed."
-            )
-    if both := sorted(held.keys() & {bead for bead, _, _ in trapped}):
-        raise ValueError(f"Argument `loads` must not trap a held bead, but bead {both[0]} is both held and trapped.")
+    _check_free(held, pull=pulls, pluck=plucks, trap={bead: stiffness for bead, stiffness, _ in trapped})
     if len(letting_go) > 1:
         raise ValueError(f"Argument `loads` must let all plucks go together, but has {sorted(letting_go)} ps.")
     in_traps = traps.interaction(*([row[i] for row in trapped] for i in range(3)))
     return Loads(list(held), pulls, plane, plucks, max(letting_go, default=0.0), tension, in_traps)
+
+
+def _check_free(held: dict[int, None], **acting: dict[int, NDArray[np.float64]]) -> None:
+    """Refuse a held bead on which something acts."""
+    for verb, beads in acting.items():
+        if both := sorted(held.keys() & beads.keys()):
+            done = "trapped" if verb == "trap" else f"{verb}ed"
+            raise ValueError(
+                f"Argument `loads` must not {verb} a held bead, but bead {both[0]} is both held and {done}."
+            )

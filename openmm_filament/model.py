@@ -214,19 +214,24 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
             system.addForce(force)
         positions = units.quantity(rest / scale.length, "length")
         model = Model(system, positions, scale, groups, chains, resolved, interactions, planes == {True})
-        for name, forces in (("pull", model.pulls), ("pluck", model.plucks)):
-            if any(getattr(load, f"{name}s") for load in resolved):
-                system.addForce(_external_force(model, name, forces, groups.setdefault(name, len(groups))))
-        for interaction in interactions:
-            if interaction.term is traps.Harmonic:
-                for force in traps.openmm_forces(interaction, model.trap_numbers):
-                    force.setForceGroup(groups.setdefault("trap", len(groups)))
-                    system.addForce(force)
-        if len({load.letting_go for load in resolved if load.plucks}) > 1:
-            raise ValueError(
-                "Argument `loads` must let all plucks go together, but durations differ between filaments."
-            )
+        _add_external(model)
     return model
+
+
+def _add_external(model: Model) -> None:
+    """Put the forces of pulls, plucks and traps into the System of a model, each with its group."""
+    if len({load.letting_go for load in model.loads if load.plucks}) > 1:
+        raise ValueError("Argument `loads` must let all plucks go together, but durations differ between filaments.")
+    external: list[tuple[str, mm.CustomExternalForce]] = []
+    for name, forces in (("pull", model.pulls), ("pluck", model.plucks)):
+        if any(getattr(load, f"{name}s") for load in model.loads):
+            external.append((name, _external_force(model, name, forces)))
+    for interaction in model.interactions:
+        if interaction.term is traps.Harmonic:
+            external += [("trap", force) for force in traps.openmm_forces(interaction, model.trap_numbers)]
+    for name, force in external:
+        force.setForceGroup(model.groups.setdefault(name, len(model.groups)))
+        model.system.addForce(force)
 
 
 @contextmanager
@@ -297,7 +302,7 @@ def _openmm_force(interaction: Interaction) -> mm.Force:
     return force
 
 
-def _external_force(model: Model, name: str, forces: Array, group: int) -> mm.CustomExternalForce:
+def _external_force(model: Model, name: str, forces: Array) -> mm.CustomExternalForce:
     """Constant forces on beads; those of "pluck" times a Context parameter of that name, 1 until they let go."""
     force = mm.CustomExternalForce("-(fx*x+fy*y+fz*z)" if name == "pull" else f"-{name}*(fx*x+fy*y+fz*z)")
     if name != "pull":
@@ -307,7 +312,6 @@ def _external_force(model: Model, name: str, forces: Array, group: int) -> mm.Cu
     for start, load in zip(model.starts, model.loads, strict=False):
         for bead in getattr(load, f"{name}s"):
             force.addParticle(int(start + bead), forces[start + bead].tolist())
-    force.setForceGroup(group)
     force.setName(name)
     return force
 
