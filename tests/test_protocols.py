@@ -70,9 +70,9 @@ def force_of_two_bonds(distance: float) -> float:
 @cache
 def free_joints(bonds: int) -> tuple[Array, Array]:
     """Distances and density of the end-to-end vector of freely jointed springs, by the transform of one bond."""
-    s = np.linspace(1e-4, 2 * LENGTH, 4001)
+    s = np.linspace(1e-4, 2 * LENGTH, 2001)
     weight = s**2 * np.exp(-BOND / 2 * (s - LENGTH) ** 2 / KT)
-    q = np.linspace(1e-6, 30, 6001)
+    q = np.linspace(1e-6, 30, 3001)
     one = integrate.simpson(weight * np.sinc(np.outer(q, s) / np.pi), x=s) / integrate.simpson(weight, x=s)
     r = np.linspace(1e-3, 1.6 * bonds * LENGTH, 1201)
     kernel = q**2 * np.sinc(np.outer(r, q) / np.pi)
@@ -110,7 +110,7 @@ def test_an_extension_clamp_reads_the_force_of_two_bonds_by_quadrature() -> None
 
 
 def test_an_extension_clamp_of_free_joints_reads_the_slope_of_their_distribution() -> None:
-    held = of.clamp(chain(5), WARM, extension=[5.0, 8.0] * NM, replicas=48)
+    held = of.clamp(chain(5), WARM, extension=[5.0, 8.5] * NM, replicas=24)
     exact = [force_of_free_joints(5, r) for r in held.extension.values]
     assert (np.abs(held.force - exact) < tol.SIGMAS * held.force_error).all()
     assert held.force_error[1] < 0.02 * exact[1]
@@ -267,13 +267,17 @@ def test_works_that_are_none_are_refused(there: Any, back: Any, error: type[Exce
 
 
 def brief(**changes: Any) -> Any:
-    settings: dict[str, Any] = dict(force=[2, 12] * PN, points=2, replicas=17, seed=3)
+    settings: dict[str, Any] = {"force": [2, 12] * PN, "points": 2, "replicas": 17, "seed": 3}
     return of.ramp(chain(2, JOINT), WARM, 3 * unit.picosecond, **(settings | changes))
 
 
-def test_a_seed_gives_the_same_numbers_whatever_the_number_of_processes(workers: None) -> None:
+def test_a_seed_gives_the_same_numbers_whatever_the_number_of_processes(
+    workers: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seen: list[float] = []
-    two, one = brief(processes=2, progress=seen.append), brief(processes=1)
+    two = brief(processes=2, progress=seen.append)
+    monkeypatch.setattr(protocols, "run_all", one_by_one)
+    one = brief()
     np.testing.assert_array_equal(two.work, one.work)
     np.testing.assert_array_equal(two.extension, one.extension)
     assert seen == pytest.approx([1 / 3, 2 / 3, 1])
@@ -316,42 +320,38 @@ def test_what_a_worker_raises_is_raised(workers: None) -> None:
         parallel.run_all(math.sqrt, [4.0, -1.0, 9.0], 1, None)
 
 
-def test_results_come_in_the_order_of_the_tasks(workers: None) -> None:
-    assert parallel.run_all(abs, [-3, 2, -1], 2, None) == [3, 2, 1]
-
-
 # Refused ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        (dict(force=None), TypeError, "Exactly one control must be given .* but none is"),
-        (dict(extension=[1, 2] * NM), TypeError, "Exactly one control must be given .* but force, extension is"),
-        (dict(force=[2, 12]), TypeError, "`force` must be a Quantity of force"),
-        (dict(force=[2, 12] * NM), TypeError, "`force` must have a unit of force"),
-        (dict(force=[-2, 12] * PN), ValueError, "`force` must not be negative, but is -1.2"),
-        (dict(force=[2, 4, 12] * PN), ValueError, r"`force` must have shape \(2,\)"),
-        (dict(force=[2, 2] * PN), ValueError, "`force` must hold two different values"),
-        (dict(force=None, trap=[1, 2] * NM), TypeError, "`stiffness` must be given with a trap, and only then"),
-        (dict(stiffness=1 * KJ / NM**2), TypeError, "`stiffness` must be given with a trap, and only then"),
+        ({"force": None}, TypeError, "Exactly one control must be given .* but none is"),
+        ({"extension": [1, 2] * NM}, TypeError, "Exactly one control must be given .* but force, extension is"),
+        ({"force": [2, 12]}, TypeError, "`force` must be a Quantity of force"),
+        ({"force": [2, 12] * NM}, TypeError, "`force` must have a unit of force"),
+        ({"force": [-2, 12] * PN}, ValueError, "`force` must not be negative, but is -1.2"),
+        ({"force": [2, 4, 12] * PN}, ValueError, r"`force` must have shape \(2,\)"),
+        ({"force": [2, 2] * PN}, ValueError, "`force` must hold two different values"),
+        ({"force": None, "trap": [1, 2] * NM}, TypeError, "`stiffness` must be given with a trap, and only then"),
+        ({"stiffness": 1 * KJ / NM**2}, TypeError, "`stiffness` must be given with a trap, and only then"),
         (
-            dict(force=None, trap=[1, 2] * NM, stiffness=-1 * KJ / NM**2),
+            {"force": None, "trap": [1, 2] * NM, "stiffness": -1 * KJ / NM**2},
             ValueError,
             "`stiffness` must not be negative",
         ),
         (
-            dict(force=None, trap=[1, 2] * NM, stiffness=[1, 1, 0] * KJ / NM**2),
+            {"force": None, "trap": [1, 2] * NM, "stiffness": [1, 1, 0] * KJ / NM**2},
             ValueError,
             "`stiffness` must be positive",
         ),
-        (dict(points=1), ValueError, "`points` must be at least 2, but is 1"),
-        (dict(replicas=0), ValueError, "`replicas` must be at least 1, but is 0"),
-        (dict(seed=-1), ValueError, "`seed` must be at least 0"),
-        (dict(friction=0 / unit.picosecond), ValueError, "`friction` must be positive"),
-        (dict(equilibration=1.0), TypeError, "`equilibration` must be a Quantity of time"),
-        (dict(timestep=1 * unit.nanosecond), ValueError, "`timestep` must be at most the stability limit"),
-        (dict(processes=0), ValueError, "`processes` must be at least 1"),
+        ({"points": 1}, ValueError, "`points` must be at least 2, but is 1"),
+        ({"replicas": 0}, ValueError, "`replicas` must be at least 1, but is 0"),
+        ({"seed": -1}, ValueError, "`seed` must be at least 0"),
+        ({"friction": 0 / unit.picosecond}, ValueError, "`friction` must be positive"),
+        ({"equilibration": 1.0}, TypeError, "`equilibration` must be a Quantity of time"),
+        ({"timestep": 1 * unit.nanosecond}, ValueError, "`timestep` must be at most the stability limit"),
+        ({"processes": 0}, ValueError, "`processes` must be at least 1"),
     ],
 )
 def test_what_is_wrong_is_refused(changes: dict[str, Any], error: type[Exception], message: str) -> None:
@@ -360,7 +360,7 @@ def test_what_is_wrong_is_refused(changes: dict[str, Any], error: type[Exception
 
 
 def test_no_temperature_no_time_and_no_filament_are_refused() -> None:
-    two = dict(force=[2, 12] * PN)
+    two = {"force": [2, 12] * PN}
     with pytest.raises(ValueError, match="`temperature` must be positive, but is 0"):
         of.ramp(chain(2), 0 * unit.kelvin, 1 * unit.picosecond, **two)
     with pytest.raises(TypeError, match="`temperature` must be a Quantity of temperature"):

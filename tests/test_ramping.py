@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -38,22 +39,22 @@ def ramp(control: Any, replicas: int, **changes: Any) -> Ramp:
     first, last = ENDS[control]
     values = np.linspace(first, last, JUMPS + 1)
     stiffness = np.full(3, TRAP if control == "trap" else np.nan)
-    settings: dict[str, Any] = dict(
-        filament=gaussian(),
-        control=control,
-        values=values,
-        stiffness=stiffness,
-        tensions=(first if control == "force" else 3.0, last),
-        temperature=KELVIN,
-        replicas=replicas,
-        seed=7,
-        timestep=STEP,
-        friction=RATE,
-        warm_up=200,
-        stride=STRIDE,
-        every=4,
-        back=True,
-    )
+    settings: dict[str, Any] = {
+        "filament": gaussian(),
+        "control": control,
+        "values": values,
+        "stiffness": stiffness,
+        "tensions": (first if control == "force" else 3.0, last),
+        "temperature": KELVIN,
+        "replicas": replicas,
+        "seed": 7,
+        "timestep": STEP,
+        "friction": RATE,
+        "warm_up": 200,
+        "stride": STRIDE,
+        "every": 4,
+        "back": True,
+    }
     return Ramp(**(settings | changes))
 
 
@@ -96,7 +97,7 @@ def mean_work(control: str, values: Array) -> float:
     z = np.linalg.solve(matrix, push(values[0]))
     v = np.zeros_like(z)
     total = 0.0
-    for old, new in zip(values[:-1], values[1:], strict=True):
+    for old, new in itertools.pairwise(values):
         total += work(old, new, z)
         for _ in range(STRIDE):
             v = v + STEP / 2 / MASS * (push(new) - matrix @ z)

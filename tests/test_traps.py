@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +17,11 @@ from hypothesis import strategies as st
 from openmm import unit
 
 import openmm_filament as of
+from openmm_filament import traps
 from openmm_filament.hessian import hessian, product
 from openmm_filament.inspection import PreflightError
 from openmm_filament.loads import Hold, Plane, Pull, Trap
+from openmm_filament.trajectory import TrajectoryWriter
 
 STIFF = KJ / NM**2
 WARM = 300 * unit.kelvin
@@ -67,13 +72,13 @@ def test_a_trap_is_a_spring_to_a_place(x: Array, data: st.DataObject) -> None:
 def test_a_trap_moves_and_is_read_in_physical_units(scale: float) -> None:
     x = random_chain(np.random.default_rng(1), 6) * scale
     here, there, moved = (np.array(v) * scale for v in ([1.0, 0, 6], [0, 2.0, 1], [0.5, -1.0, 2]))
-    loads = [Trap(-1, 3 / scale**2 * STIFF, here * NM), Trap(2, [1, 2, 0] / scale**2 * STIFF, there * NM)]
+    stiff = np.array([1, 2, 0]) / scale**2
+    loads = [Trap(-1, 3 / scale**2 * STIFF, here * NM), Trap(2, stiff * STIFF, there * NM)]
     model = of.build([wire(scale), wire(scale)], [loads, loads])
     assert model.scale.is_identity == (scale == 1.0)
     twice = np.concatenate([x, x + 0.1 * scale])
     context = running(model, twice * NM)
     of.move_trap(model, context, moved * NM, trap=1)
-    stiff = np.array([1, 2, 0]) / scale**2
     for trap, k, centre, bead in ((0, 3 / scale**2, here, 5), (1, stiff, there + moved, 2)):
         read = of.trap_forces(model, context, trap).value_in_unit(KJ / NM)
         np.testing.assert_allclose(read, k * (centre - twice[[bead, bead + 6]]), rtol=0, atol=1e-9 / scale)
@@ -90,7 +95,7 @@ def test_a_trap_moves_and_is_read_in_physical_units(scale: float) -> None:
 def test_preflight_finds_a_trap_of_another_stiffness() -> None:
     load, softer = (Trap(-1, k * STIFF, [0, 1, 4] * NM) for k in (3.0, 2.97))
     model, other = of.build(wire(), [load]), of.build(wire(), [softer])
-    wrong = of.Model(**{**vars(model), "system": other.system})
+    wrong = replace(model, system=other.system)
     with pytest.raises(PreflightError, match=r"Forces of trap must agree .* differ by 0.01 at bead 5"):
         of.preflight(model, running(wrong))
 
@@ -157,21 +162,22 @@ def test_a_plane_keeps_a_trap_from_pulling_out_of_it() -> None:
     model = of.build(wire(), [Plane(), Trap(-1, 5 * STIFF, [1, 1, 9] * NM)])
     context = running(model)
     context.getIntegrator().step(50)
-    moved = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(NM) - model.positions.value_in_unit(NM)
+    moved = context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(
+        NM
+    ) - model.positions.value_in_unit(NM)
     assert not moved[:, 2].any()
     assert np.abs(moved[-1, :2]).min() > 1e-3
 
 
-def test_a_trajectory_keeps_the_traps_in_its_sidecar(tmp_path: Any) -> None:
+def test_a_trajectory_keeps_the_traps_in_its_sidecar(tmp_path: Path) -> None:
     model = of.build(wire(), [Trap(-1, [1, 2, 3] * STIFF, [0, 1, 4] * NM)])
-    writer = of.trajectory.TrajectoryWriter(model, tmp_path / "run.dcd") if hasattr(of, "trajectory") else None
-    from openmm_filament.trajectory import _header
-
-    assert writer is None or writer.path.suffix == ".dcd"
-    load = _header(model, "run.pdb")["loads"][0]
-    assert load["trapped"] == [5]
-    assert load["stiffness_kJ_per_mol_nm2"] == [[1, 2, 3]]
-    assert load["trap_nm"] == [[0, 1, 4]]
+    writer = TrajectoryWriter(model, tmp_path / "run.dcd")
+    writer.write(model.positions.value_in_unit(NM), 0, 0.0)
+    writer.close()
+    header = json.loads((tmp_path / "run.jsonl").read_text().split("\n")[0])
+    assert header["loads"][0]["trapped"] == [5]
+    assert header["loads"][0]["stiffness_kJ_per_mol_nm2"] == [[1, 2, 3]]
+    assert header["loads"][0]["trap_nm"] == [[0, 1, 4]]
 
 
 # Refused ------------------------------------------------------------------------------------------------------------
@@ -185,7 +191,12 @@ def test_a_trajectory_keeps_the_traps_in_its_sidecar(tmp_path: Any) -> None:
         (-3.0 * STIFF, [0, 0, 1] * NM, ValueError, "`stiffness` must not be negative, but is -3"),
         (0.0 * STIFF, [0, 0, 1] * NM, ValueError, "`stiffness` must be positive along an axis"),
         ([1.0, 2.0] * STIFF, [0, 0, 1] * NM, ValueError, r"`stiffness` must have shape \(3,\)"),
-        ([1.0, -2.0, 0.0] * STIFF, [0, 0, 1] * NM, ValueError, "`stiffness` must not be negative, but is -2.0 at index 1"),
+        (
+            [1.0, -2.0, 0.0] * STIFF,
+            [0, 0, 1] * NM,
+            ValueError,
+            "`stiffness` must not be negative, but is -2.0 at index 1",
+        ),
         (3.0 * STIFF, [0, 0, 1], TypeError, "`position` must be a Quantity of length"),
         (3.0 * STIFF, 1 * NM, ValueError, r"`position` must have shape \(3,\)"),
         (3.0 * STIFF, [0, np.nan, 1] * NM, ValueError, "`position` must be finite, but is nan at index 1"),
@@ -224,7 +235,7 @@ def test_moving_and_reading_a_trap_that_is_not_there_is_refused() -> None:
 
 def test_a_trap_among_the_terms_of_a_filament_is_refused() -> None:
     with pytest.raises(TypeError, match="A trap must be given as a load"):
-        of.Filament(of.shapes.line(2, 1 * NM), 1 * unit.dalton, (of.loads.traps.Harmonic(),))
+        of.Filament(of.shapes.line(2, 1 * NM), 1 * unit.dalton, (traps.Harmonic(),))
 
 
 def test_a_trap_keeps_its_numbers_when_the_arrays_change() -> None:
