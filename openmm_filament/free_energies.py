@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import warnings
 from dataclasses import dataclass
@@ -125,12 +126,17 @@ def free_energy_of_works(forward: unit.Quantity, reverse: unit.Quantity, tempera
 
 
 def _pymbar() -> Any:
+    logger = logging.getLogger("pymbar")
+    level = logger.level
+    logger.setLevel(logging.ERROR)  # it tells of an optional package whenever it is first imported
     try:
         from pymbar import other_estimators
     except ImportError as error:
         raise ImportError(
             'Free energies need pymbar 4 or later: pip install "openmm-filament[free-energy]", or pip install "pymbar>=4".'
         ) from error
+    finally:
+        logger.setLevel(level)
     return other_estimators
 
 
