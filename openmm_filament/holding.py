@@ -13,11 +13,11 @@ __all__ = ["held_starts", "tension"]
 
 Array = NDArray[np.float64]
 
-_CHAINS, _HALVINGS, _DOUBLINGS = 16, 16, 60
+_CHAINS, _HALVINGS, _DOUBLINGS = 8, 7, 60
 """Chains whose mean extension is taken at each force that is tried, and how often the bracket is halved and doubled."""
 
-_SPREAD = 64
-"""Chains from which the spread of a free end is taken."""
+_SPREAD = 16
+"""Chains, at least, from which the spread of a free end is taken."""
 
 
 def tension(filament: Filament, distance: float, stiffness: float, temperature: float) -> float:

@@ -20,6 +20,7 @@ import openmm_filament as of
 from openmm_filament import parallel, protocols
 
 PN = unit.piconewton
+STIFF = KJ / NM**2
 KELVIN = 300.0
 WARM = KELVIN * unit.kelvin
 KT = of.units.BOLTZMANN * KELVIN
@@ -152,6 +153,31 @@ def test_the_free_energy_between_two_forces_is_that_of_the_exact_chain() -> None
     assert found.overlap > 0.1
     assert found.dissipated_forward + found.dissipated_reverse == pytest.approx(float(way.hysteresis))
     assert way.hysteresis > 3 * way.hysteresis_error
+
+
+def test_both_ways_begin_in_equilibrium() -> None:
+    way, _ = pulled()
+    first = way.extension.isel(point=0)
+    exact = of.exact_extension(chain(6, JOINT), [2, 12] * PN, WARM).value_in_unit(NM)
+    assert (np.abs(first.mean("replica") - exact) < tol.SIGMAS * first.std("replica") / np.sqrt(160)).all()
+
+
+def test_a_helix_with_torsion_is_led_in_a_trap() -> None:
+    helix = of.shapes.helix(12, radius=3 * NM, pitch=5 * NM, turns=1.5)
+    terms = (of.stretching.Harmonic(500 * STIFF), of.bending.Harmonic(200 * KJ), of.torsion.Harmonic(40 * KJ))
+    filament = of.Filament(helix, 300 * unit.dalton, terms)
+    way = of.ramp(
+        filament,
+        WARM,
+        20 * unit.picosecond,
+        trap=[8, 10] * NM,
+        stiffness=[0, 0, 50] * STIFF,
+        points=2,
+        replicas=8,
+        equilibration=20 * unit.picosecond,
+    )
+    assert np.isfinite(way.work).all()
+    assert way.extension[0, :, -1].mean() > way.extension[0, :, 0].mean()
 
 
 def test_the_dataset_of_a_ramp_names_what_it_holds() -> None:

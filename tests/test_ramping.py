@@ -158,6 +158,13 @@ def test_records_begin_in_equilibrium_and_tell_force_and_extension(control: str)
         np.testing.assert_allclose(result.force, TRAP * (led - result.extension), rtol=0, atol=1e-10)
 
 
+def test_a_trap_one_per_cent_stiffer_would_be_seen() -> None:
+    task = ramp("trap", 1500, stiffness=np.full(3, 1.01 * TRAP))
+    works = run_ramp(task).work[0, :, -1]
+    error = works.std() / np.sqrt(len(works))
+    assert abs(works.mean() - mean_work("trap", task.values)) > tol.SIGMAS * error
+
+
 def test_jarzynski_averages_to_one_for_a_fast_ramp() -> None:
     works = ran("trap")[1].work[:, :, -1]
     change = springs("trap")[3]
