@@ -25,22 +25,26 @@ if TYPE_CHECKING:
     from openmm_filament.divergence import watch
     from openmm_filament.evaluation import energies, forces
     from openmm_filament.filament import Filament
+    from openmm_filament.free_energies import FreeEnergy, free_energy, free_energy_of_works
     from openmm_filament.inspection import preflight
     from openmm_filament.integrators import euler_cromer, langevin, verlet
     from openmm_filament.model import Model, build
     from openmm_filament.modes import damped_modes, normal_modes
     from openmm_filament.motion import pluck_reporter, record
     from openmm_filament.platforms import fastest_platform, platform_properties
+    from openmm_filament.protocols import clamp, ramp
     from openmm_filament.rods import Match, WormlikeChain, rod_terms
     from openmm_filament.sampling import force_extension
     from openmm_filament.statics import equilibrium
     from openmm_filament.timestep import stable_timestep
     from openmm_filament.trajectory import load, trajectory_reporter
+    from openmm_filament.trapping import move_trap, trap_forces
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Filament",
+    "FreeEnergy",
     "Match",
     "Model",
     "WormlikeChain",
@@ -48,6 +52,7 @@ __all__ = [
     "analysis",
     "bending",
     "build",
+    "clamp",
     "damped_modes",
     "electrostatics",
     "energies",
@@ -57,13 +62,17 @@ __all__ = [
     "fastest_platform",
     "force_extension",
     "forces",
+    "free_energy",
+    "free_energy_of_works",
     "langevin",
     "load",
     "loads",
+    "move_trap",
     "normal_modes",
     "platform_properties",
     "pluck_reporter",
     "preflight",
+    "ramp",
     "record",
     "reference",
     "rendering",
@@ -74,6 +83,7 @@ __all__ = [
     "stretching",
     "torsion",
     "trajectory_reporter",
+    "trap_forces",
     "units",
     "verlet",
     "watch",
@@ -82,10 +92,12 @@ __all__ = [
 
 _HOME = {
     "Filament": "filament",
+    "FreeEnergy": "free_energies",
     "Match": "rods",
     "Model": "model",
     "WormlikeChain": "rods",
     "build": "model",
+    "clamp": "protocols",
     "damped_modes": "modes",
     "energies": "evaluation",
     "equilibrium": "statics",
@@ -94,16 +106,21 @@ _HOME = {
     "fastest_platform": "platforms",
     "force_extension": "sampling",
     "forces": "evaluation",
+    "free_energy": "free_energies",
+    "free_energy_of_works": "free_energies",
     "langevin": "integrators",
     "load": "trajectory",
+    "move_trap": "trapping",
     "normal_modes": "modes",
     "platform_properties": "platforms",
     "pluck_reporter": "motion",
     "preflight": "inspection",
+    "ramp": "protocols",
     "record": "motion",
     "rod_terms": "rods",
     "stable_timestep": "timestep",
     "trajectory_reporter": "trajectory",
+    "trap_forces": "trapping",
     "verlet": "integrators",
     "watch": "divergence",
 }

@@ -12,7 +12,7 @@ import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 
-from openmm_filament import units
+from openmm_filament import traps, units
 from openmm_filament._term import Interaction
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.filament import COLLINEAR
@@ -127,6 +127,8 @@ def _check_positions(model: Model, x: Array) -> None:
         first = int(np.argmax(bad))
         raise PreflightError(f"Positions must be finite, but {describe_bead(model, first)} is at {x[first].tolist()}.")
     for interaction in model.interactions:
+        if interaction.term.span == 1:
+            continue
         pairs = interaction.beads[:, :2]
         lengths = np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=-1)
         if (lengths == 0).any():
@@ -206,6 +208,7 @@ def _check_forces(model: Model, context: mm.Context, x: Array, tolerance: float)
         members = [i for i in model.interactions if i.term.family == family and len(i.beads)]
         if not members:
             continue
+        members = [_as_moved(model, interaction, context) for interaction in members]
         exact = np.sum([interaction.forces(x) for interaction in members], axis=0)
         state = context.getState(forces=True, groups=1 << model.groups[family])
         found = units.numbers("forces", state.getForces(asNumpy=True), "force")
@@ -266,8 +269,19 @@ def _angles(members: list[Interaction], x: Array) -> str:
     return f" with bending angles from {angles.min():.3g} to {angles.max():.3g} rad"
 
 
+def _as_moved(model: Model, interaction: Interaction, context: mm.Context) -> Interaction:
+    """Traps where a Context has them; any other interaction as it is."""
+    if interaction.term is not traps.Harmonic:
+        return interaction
+    numbers = model.trap_numbers
+    shifts = [[context.getParameter(traps.parameter(int(n), axis)) for axis in traps.AXES] for n in numbers]
+    return traps.displaced(interaction, np.array(shifts))
+
+
 def _natural_force(interaction: Interaction, x: Array) -> float:
-    """The force that a change of order one (a strain, a radian) would make."""
+    """The force that a change of order one (a strain, a radian) would make; of a trap, a displacement by 1."""
+    if interaction.term.span == 1:
+        return interaction.stored_energy(1.0)
     pairs = interaction.beads[:, :2]
     length = float(np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=-1).min())
     return interaction.stored_energy(length) / length

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from openmm import unit
 
 from openmm_filament import _checks as check
-from openmm_filament import units
+from openmm_filament import traps, units
 from openmm_filament._term import Interaction, read_off
 from openmm_filament.geometry import segments
 
-__all__ = ["Hold", "Load", "Loads", "Plane", "Pluck", "Pull", "Tension", "resolve"]
+__all__ = ["Hold", "Load", "Loads", "Plane", "Pluck", "Pull", "Tension", "Trap", "resolve"]
 
 
 class Load:
@@ -131,6 +131,39 @@ class Tension(Load):
             raise check.fail("tension", "not be negative", self.tension)
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Trap(Load):
+    """A harmonic trap on a bead: energy `k/2 |r - r0|^2`, the force read from it `k (r0 - r)`.
+
+    It can be moved while it runs, without building again: `move_trap`, or the Context parameters `trap0_x`, `trap0_y`
+    and `trap0_z`, its displacement in internal units. Traps are numbered as they stand among the loads of a filament;
+    those of one number in several filaments move together.
+
+    Parameters
+    ----------
+    bead : int
+    stiffness : Quantity
+        k, energy/length^2, not negative, one number or (3,) along x, y and z; not zero along all.
+    position : Quantity
+        r0, the centre of the trap, (3,).
+    """
+
+    bead: int
+    stiffness: unit.Quantity
+    position: unit.Quantity
+
+    def __post_init__(self) -> None:
+        k = check.non_negative("stiffness", units.numbers("stiffness", self.stiffness, "stiffness"))
+        if k.ndim:
+            check.shape("stiffness", k, (3,))
+        if not k.any():
+            raise check.fail("stiffness", "be positive along an axis", k)
+        check.finite("position", check.shape("position", units.numbers("position", self.position, "length"), (3,)))
+        object.__setattr__(self, "stiffness", units.frozen_copy(self.stiffness))
+        object.__setattr__(self, "position", units.frozen_copy(self.position))
+
+
 @dataclass(frozen=True, eq=False)
 class Loads:
     """The loads on one filament, resolved, in kJ/mol, nm and ps.
@@ -143,6 +176,8 @@ class Loads:
     plane : bool
     tension : float
         Zero where there is none.
+    traps : Interaction
+        In the order of the loads, in kJ/mol/nm^2 and nm.
     """
 
     held: list[int]
@@ -151,19 +186,21 @@ class Loads:
     plucks: dict[int, NDArray[np.float64]] = field(default_factory=dict)
     letting_go: float = 0.0
     tension: float = 0.0
+    traps: Interaction = field(default_factory=lambda: traps.interaction([], [], []))
 
     def energies(self, positions: NDArray[np.float64]) -> dict[str, float]:
-        """Energies of "pull" and "pluck" in kJ/mol, where there are any, for positions (N, 3) in nm."""
+        """Energies of "pull", "pluck" and "trap" in kJ/mol, where there are any, for positions (N, 3) in nm."""
         acting = {"pull": self.pulls, "pluck": self.plucks}
-        return {
+        out = {
             name: -float(sum(force @ positions[i] for i, force in forces.items()))
             for name, forces in acting.items()
             if forces
         }
+        return out | ({"trap": self.traps.energy(positions)} if len(self.traps.beads) else {})
 
     def forces(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Forces of pulls and plucks (N, 3) in kJ/mol/nm."""
-        out = np.zeros_like(positions)
+        """Forces of pulls, plucks and traps (N, 3) in kJ/mol/nm."""
+        out = self.traps.forces(positions)
         for forces in (self.pulls, self.plucks):
             for i, force in forces.items():
                 out[i] += force
@@ -201,13 +238,14 @@ class Loads:
 def resolve(loads: Any, beads: int) -> Loads:
     """The loads on a filament of so many beads, checked against it and against one another.
 
-    Raises ValueError for an index out of range, for a held bead that is also pulled or plucked, and for plucks that do not
-    let go together.
+    Raises ValueError for an index out of range, for a held bead that is also pulled, plucked or trapped, and for plucks that
+    do not let go together.
     """
     held: dict[int, None] = {}
     pulls: dict[int, NDArray[np.float64]] = {}
     plucks: dict[int, NDArray[np.float64]] = {}
     letting_go: set[float] = set()
+    trapped: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
     plane = False
     tension = 0.0
     if isinstance(loads, Load):
@@ -225,17 +263,28 @@ def resolve(loads: Any, beads: int) -> Loads:
                     summed[i] = summed.get(i, np.zeros(3)) + force
                 if isinstance(load, Pluck):
                     letting_go.add(units.number("duration", load.duration, "time"))
+            case Trap():
+                stiffness = np.broadcast_to(units.numbers("stiffness", load.stiffness, "stiffness"), 3)
+                centre = units.numbers("position", load.position, "length")
+                trapped.append((check.index("Trap.bead", load.bead, beads), stiffness, centre))
             case Tension():
                 tension += units.number("tension", load.tension, "force")
             case Plane():
                 plane = True
             case _:
                 raise TypeError(f"Argument `loads` must hold loads such as Hold(0), but holds {load!r}.")
-    for done, summed in (("pull", pulls), ("pluck", plucks)):
-        if both := sorted(held.keys() & summed.keys()):
-            raise ValueError(
-                f"Argument `loads` must not {done} a held bead, but bead {both[0]} is both held and {done}ed."
-            )
+    _check_free(held, pull=pulls, pluck=plucks, trap={bead: stiffness for bead, stiffness, _ in trapped})
     if len(letting_go) > 1:
         raise ValueError(f"Argument `loads` must let all plucks go together, but has {sorted(letting_go)} ps.")
-    return Loads(list(held), pulls, plane, plucks, max(letting_go, default=0.0), tension)
+    in_traps = traps.interaction(*([row[i] for row in trapped] for i in range(3)))
+    return Loads(list(held), pulls, plane, plucks, max(letting_go, default=0.0), tension, in_traps)
+
+
+def _check_free(held: dict[int, None], **acting: dict[int, NDArray[np.float64]]) -> None:
+    """Refuse a held bead on which something acts."""
+    for verb, beads in acting.items():
+        if both := sorted(held.keys() & beads.keys()):
+            done = "trapped" if verb == "trap" else f"{verb}ed"
+            raise ValueError(
+                f"Argument `loads` must not {verb} a held bead, but bead {both[0]} is both held and {done}."
+            )

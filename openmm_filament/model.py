@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from openmm import app, unit
 
 from openmm_filament import _checks as check
-from openmm_filament import units
+from openmm_filament import traps, units
 from openmm_filament._term import Interaction, Term
 from openmm_filament.filament import Filament
 from openmm_filament.geometry import segments
@@ -46,11 +46,12 @@ class Model:
     scale : Scale
         Physical units in one internal unit.
     groups : dict of str to int
-        Force group of each term ("stretching", "bending", "torsion", "electrostatics") and of "pull" and "pluck".
+        Force group of each term ("stretching", "bending", "torsion", "electrostatics") and of "pull", "pluck" and "trap".
     filaments, loads : tuple
         What the model was built from, one entry a filament; `loads` resolved, bead indices local to the filament.
     interactions : tuple of Interaction
-        The terms in internal units with indices of the whole model: what the System's forces were made from.
+        The terms and traps (where first built) in internal units with indices of the whole model: what the System's forces
+        were made from, but for constant ones.
     planar : bool
         Whether the third coordinate is frozen (by the integrators of this package).
     """
@@ -113,6 +114,11 @@ class Model:
         """External forces (N, 3) on the beads until the plucks let go, in internal units."""
         return self._external("plucks")
 
+    @cached_property
+    def trap_numbers(self) -> NDArray[np.int64]:
+        """The number, among the traps of its filament, of each of the model's traps."""
+        return np.concatenate([np.arange(len(load.traps.beads)) for load in self.loads])
+
     @property
     def letting_go(self) -> float:
         """Internal time at which the plucks let go; zero without any."""
@@ -161,7 +167,7 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
     Raises
     ------
     ValueError, TypeError
-        For loads that do not match the filaments, an index out of range, and a held bead that is also pulled.
+        For loads that do not match the filaments, an index out of range, and a held bead that is also pulled or trapped.
     """
     single = isinstance(filaments, Filament)
     chains: tuple[Any, ...] = (filaments,) if single else tuple(filaments) if isinstance(filaments, Sequence) else ()
@@ -200,20 +206,32 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
             deque(map(system.addParticle, masses.tolist()), maxlen=0)
         groups: dict[str, int] = {}
         for interaction in interactions:
+            if interaction.term is traps.Harmonic:
+                continue
             force = _openmm_force(interaction)
             force.setForceGroup(groups.setdefault(interaction.term.family, len(groups)))
             force.setName(f"{interaction.term.family}.{interaction.term.__name__}")
             system.addForce(force)
         positions = units.quantity(rest / scale.length, "length")
         model = Model(system, positions, scale, groups, chains, resolved, interactions, planes == {True})
-        for name, forces in (("pull", model.pulls), ("pluck", model.plucks)):
-            if any(getattr(load, f"{name}s") for load in resolved):
-                system.addForce(_external_force(model, name, forces, groups.setdefault(name, len(groups))))
-        if len({load.letting_go for load in resolved if load.plucks}) > 1:
-            raise ValueError(
-                "Argument `loads` must let all plucks go together, but durations differ between filaments."
-            )
+        _add_external(model)
     return model
+
+
+def _add_external(model: Model) -> None:
+    """Put the forces of pulls, plucks and traps into the System of a model, each with its group."""
+    if len({load.letting_go for load in model.loads if load.plucks}) > 1:
+        raise ValueError("Argument `loads` must let all plucks go together, but durations differ between filaments.")
+    external: list[tuple[str, mm.CustomExternalForce]] = []
+    for name, forces in (("pull", model.pulls), ("pluck", model.plucks)):
+        if any(getattr(load, f"{name}s") for load in model.loads):
+            external.append((name, _external_force(model, name, forces)))
+    for interaction in model.interactions:
+        if interaction.term is traps.Harmonic:
+            external += [("trap", force) for force in traps.openmm_forces(interaction, model.trap_numbers)]
+    for name, force in external:
+        force.setForceGroup(model.groups.setdefault(name, len(model.groups)))
+        model.system.addForce(force)
 
 
 @contextmanager
@@ -233,7 +251,8 @@ def _bind(chains: Sequence[Filament], loads: Sequence[Loads]) -> list[Interactio
     parts: dict[type[Term], list[Interaction]] = {}
     start = 0
     for chain, load in zip(chains, loads, strict=True):
-        for interaction in load.tightened(chain.interactions(), chain.rest._value):
+        own = load.tightened(chain.interactions(), chain.rest._value)
+        for interaction in [*own, load.traps] if len(load.traps.beads) else own:
             shifted = replace(interaction, beads=interaction.beads + start) if start else interaction
             parts.setdefault(interaction.term, []).append(shifted)
         start += len(chain)
@@ -283,7 +302,7 @@ def _openmm_force(interaction: Interaction) -> mm.Force:
     return force
 
 
-def _external_force(model: Model, name: str, forces: Array, group: int) -> mm.CustomExternalForce:
+def _external_force(model: Model, name: str, forces: Array) -> mm.CustomExternalForce:
     """Constant forces on beads; those of "pluck" times a Context parameter of that name, 1 until they let go."""
     force = mm.CustomExternalForce("-(fx*x+fy*y+fz*z)" if name == "pull" else f"-{name}*(fx*x+fy*y+fz*z)")
     if name != "pull":
@@ -293,7 +312,6 @@ def _external_force(model: Model, name: str, forces: Array, group: int) -> mm.Cu
     for start, load in zip(model.starts, model.loads, strict=False):
         for bead in getattr(load, f"{name}s"):
             force.addParticle(int(start + bead), forces[start + bead].tolist())
-    force.setForceGroup(group)
     force.setName(name)
     return force
 

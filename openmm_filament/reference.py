@@ -29,7 +29,7 @@ def _positions(filament: Filament, positions: Any) -> Array:
 
 
 def energies(filament: Filament, positions: Any, loads: Sequence[Load] = ()) -> dict[str, float]:
-    """Energies in kJ/mol by term: "stretching", "bending", "torsion", "electrostatics", "pull" and "pluck" where one acts.
+    """Energies in kJ/mol by term: "stretching", "bending", "torsion", "electrostatics", "pull", "pluck" and "trap" where one acts.
 
     `positions` is a Quantity (N, 3); a pluck counts as it does before it lets go. Terms of one family are summed under its name.
     """

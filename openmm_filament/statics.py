@@ -65,7 +65,7 @@ class Equilibrium:
     positions : Quantity
         (N, 3), physical.
     energies : dict of str to float
-        kJ/mol by term, with "pull" where one acts.
+        kJ/mol by term, with "pull" and "trap" where one acts.
     residual : float
         Largest force left on a free bead, kJ/mol/nm.
     floor : float
@@ -109,7 +109,8 @@ def equilibrium(
     falls; a stage that takes too many steps is divided. An open filament that is bent everywhere and held at bead 0 is solved
     in its lengths, bends and torsions instead, which a nearly straight chain does not make singular (see `articulated`),
     and then in Cartesian coordinates as any other. At the full load a saddle is left along the direction in which the
-    energy falls, so that the result is a minimum wherever one was found. Temperature and plucks play no part.
+    energy falls, so that the result is a minimum wherever one was found. Traps act in full from the start. Temperature and
+    plucks play no part.
 
     Parameters
     ----------
@@ -179,7 +180,9 @@ class _Problem:
         self.chosen = np.flatnonzero(self.free.ravel())
         for load in model.loads:
             net = sum(load.pulls.values(), np.zeros(3))
-            if not load.held and np.abs(net).max() > 1e-9 * max(np.abs(f).max() for f in [*load.pulls.values(), net]):
+            if load.held or len(load.traps.beads):
+                continue
+            if np.abs(net).max() > 1e-9 * max(np.abs(f).max() for f in [*load.pulls.values(), net]):
                 raise ValueError("Argument `model` must hold a bead of a filament that is pulled away to come to rest.")
         self.fixed = internal_positions(model)
         self.load = float(np.abs(model.pulls).max())
@@ -191,6 +194,8 @@ class _Problem:
         model = self.model
         filament, load = model.filaments[0], model.loads[0]
         if len(model.filaments) > 1 or filament.closed or model.planar or load.held != [0] or not self.load:
+            return False
+        if len(load.traps.beads):
             return False
         return len(filament) > 3 and bool(sines(self.whole(x)).min() > COLLINEAR)
 
@@ -322,8 +327,9 @@ class _Problem:
 
     def _shortest(self, x: Array) -> float:
         positions = self.whole(x)
-        pairs = [positions[i.beads[:, 1]] - positions[i.beads[:, 0]] for i in self.model.interactions]
-        return min(float(np.sqrt(dot(s, s)).min()) for s in pairs)
+        chained = [i.beads for i in self.model.interactions if i.term.span > 1]
+        pairs = [positions[beads[:, 1]] - positions[beads[:, 0]] for beads in chained]
+        return min((float(np.sqrt(dot(s, s)).min()) for s in pairs), default=np.inf)
 
     def lowest(self, x: Array) -> tuple[float, Array]:
         """The lowest eigenvalue of the Hessian over the largest, and its direction."""

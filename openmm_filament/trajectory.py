@@ -108,6 +108,9 @@ def _header(model: Model, topology: str) -> dict[str, Any]:
                 "held": load.held,
                 "pulls_kJ_per_mol_nm": {str(bead): force.tolist() for bead, force in load.pulls.items()},
                 "plane": load.plane,
+                "trapped": load.traps.beads[:, 0].tolist(),
+                "stiffness_kJ_per_mol_nm2": np.stack([load.traps.parameters[f"k{a}"] for a in "xyz"], -1).tolist(),
+                "trap_nm": np.stack([load.traps.parameters[f"{a}0"] for a in "xyz"], -1).tolist(),
             }
             for load in model.loads
         ],

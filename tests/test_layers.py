@@ -25,7 +25,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("wlc.chain", "wlc.interpolations", "wlc.limits", "wlc.flexible", "analysis.ringing", "analysis.pitch"),
     ("wlc.planar", "wlc.spatial", "wlc.continuous", "analysis"),
     ("wlc.discrete", "sound"),
-    ("stretching", "bending", "torsion", "electrostatics", "loads", "shapes", "wlc"),
+    ("stretching", "bending", "torsion", "electrostatics", "traps", "loads", "shapes", "wlc"),
     ("filament",),
     ("reference", "rods", "model"),
     ("evaluation", "hessian"),
