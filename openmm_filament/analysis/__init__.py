@@ -5,6 +5,8 @@ taken wherever positions are.
 """
 
 from openmm_filament.analysis.averages import Average, average
+from openmm_filament.analysis.curves import Curve, read_curve
+from openmm_filament.analysis.force_extension import ForceExtensionFit, fit_force_extension
 from openmm_filament.analysis.peaks import Lines, lines
 from openmm_filament.analysis.pitch import Pitch, instantaneous_pitch
 from openmm_filament.analysis.ringing import DampedSinusoids, damped_sinusoids
@@ -19,7 +21,9 @@ from openmm_filament.analysis.tangents import (
 
 __all__ = [
     "Average",
+    "Curve",
     "DampedSinusoids",
+    "ForceExtensionFit",
     "Lines",
     "PersistenceLength",
     "Pitch",
@@ -27,11 +31,13 @@ __all__ = [
     "TangentCorrelation",
     "average",
     "damped_sinusoids",
+    "fit_force_extension",
     "instantaneous_pitch",
     "lines",
     "mean_squared_end_to_end",
     "mean_squared_radius_of_gyration",
     "persistence_length",
+    "read_curve",
     "spectrum",
     "tangent_correlation",
     "uniform_interval",

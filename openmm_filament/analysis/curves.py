@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from openmm_filament import _checks as check
 
@@ -57,9 +57,13 @@ class Curve:
         for name in ("extension_error", "force_error"):
             if (given := getattr(self, name)) is not None:
                 values = check.positive(name, given)
-                checked[name] = np.broadcast_to(values if values.ndim == 0 else check.shape(name, values, force.shape), force.shape)
+                checked[name] = np.broadcast_to(
+                    values if values.ndim == 0 else check.shape(name, values, force.shape), force.shape
+                )
         if self.temperature is not None:
-            checked["temperature"] = float(check.shape("temperature", check.positive("temperature", self.temperature), ()))
+            checked["temperature"] = float(
+                check.shape("temperature", check.positive("temperature", self.temperature), ())
+            )
         check.one_of("dimension", self.dimension, (2, 3))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -81,7 +85,7 @@ def read_curve(
     temperature: float | None = None,
     dimension: int = 3,
 ) -> Curve:
-    """A curve from a CSV file with one line of column names; by default the columns that the systems write.
+    r"""A curve from a CSV file with one line of column names; by default the columns that the systems write.
 
     Parameters
     ----------
@@ -108,7 +112,7 @@ def read_curve(
     --------
     >>> from tempfile import NamedTemporaryFile
     >>> with NamedTemporaryFile("w", suffix=".csv") as file:
-    ...     _ = file.write("F,z\\n0.1,0.5\\n1.0,0.8\\n")
+    ...     _ = file.write("F,z\n0.1,0.5\n1.0,0.8\n")
     ...     file.flush()
     ...     read_curve(file.name, force="F", extension="z", nm=1000).extension
     array([500., 800.])
@@ -124,21 +128,30 @@ def read_curve(
             raise ValueError(f"Argument `path` must name a file with a column {name!r}, but {path} has {names}.")
     rows = [row for row in rows if all(row[name] == text for name, text in (where or {}).items())]
     if not rows:
-        raise ValueError(f"Argument `path` must name a file with rows{f' where {dict(where)}' if where else ''}, but {path} has none.")
+        raise ValueError(
+            f"Argument `path` must name a file with rows{f' where {dict(where)}' if where else ''}, but {path} has none."
+        )
 
-    def column(name: str | None, unit: float) -> Array | None:
-        return None if name is None else unit * np.array([_number(row[name], name, path) for row in rows])
+    def column(name: str, unit: float) -> Array:
+        return unit * np.array([_number(row[name], name, path) for row in rows])
 
-    pulls, lengths = column(force, pN), column(extension, nm)
-    assert pulls is not None and lengths is not None
-    return Curve(pulls, lengths, column(spread, nm), column(shift, pN), temperature, dimension)
+    return Curve(
+        column(force, pN),
+        column(extension, nm),
+        None if spread is None else column(spread, nm),
+        None if shift is None else column(shift, pN),
+        temperature,
+        dimension,
+    )
 
 
 def _number(text: str | None, name: str, path: str | os.PathLike[str]) -> float:
     try:
         return float(text or "")
     except ValueError:
-        raise ValueError(f"Argument `path` must name a file of numbers, but {path} has {text!r} under {name!r}.") from None
+        raise ValueError(
+            f"Argument `path` must name a file of numbers, but {path} has {text!r} under {name!r}."
+        ) from None
 
 
 def as_curve(data: Any) -> Curve:

@@ -5,7 +5,6 @@ Forces in pN, lengths in nm, stretch moduli in pN, temperatures in K.
 
 from __future__ import annotations
 
-import functools
 import math
 import warnings
 from collections.abc import Mapping
@@ -14,12 +13,12 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from openmm_filament import _checks as check
-from openmm_filament import wlc
 from openmm_filament.analysis.curves import Curve, as_curve
-from openmm_filament.analysis.least_squares import Minimum, Problem, minimise, profile
+from openmm_filament.analysis.extension_models import PARAMETERS, FittedChain, extension_of
+from openmm_filament.analysis.least_squares import Minimum, profile
 
 __all__ = ["ForceExtensionFit", "ForceExtensionModel", "fit_force_extension"]
 
@@ -27,16 +26,8 @@ Array = NDArray[np.float64]
 
 ForceExtensionModel = Literal["exact", "exact_infinite", "bouchiat", "marko_siggia", "odijk"]
 
-_NAMES = ("persistence_length", "contour_length", "stretch_modulus")
-
 _BOLTZMANN = 0.01380649
 """pN nm/K."""
-
-_SOFT = 1e-3
-"""Unit of the compliance 1/S, in 1/pN, that is fitted in place of S: where nothing stretches it is 0, not infinite."""
-
-_BOUNDS = 14.0
-"""Powers of e by which a length may go from its start."""
 
 _UNKNOWN = 0.5
 """Standard error over the value above which a parameter counts as not determined by the data."""
@@ -93,9 +84,8 @@ class ForceExtensionFit:
 
     def extension(self, force: ArrayLike) -> Array:
         """The fitted extension in nm at a force, or an array of them, in pN."""
-        values = [self.values[name] for name in _NAMES]
         forces = np.asarray(force, dtype=np.float64)
-        return _extension(self.model, forces, *values, _BOLTZMANN * self.temperature, self.curve.dimension)
+        return extension_of(self.model, forces, self.values, _BOLTZMANN * self.temperature, self.curve.dimension)
 
 
 def fit_force_extension(
@@ -156,6 +146,7 @@ def fit_force_extension(
     Examples
     --------
     >>> forces = np.geomspace(0.05, 50, 12)
+    >>> from openmm_filament import wlc
     >>> exact = wlc.extension_exact(forces, 53.0, 1000.0, 4.114, stretch_modulus=1000.0, finite=True)
     >>> found = fit_force_extension(Curve(forces, exact, 0.005 * exact), temperature=297.98, stretch_modulus="fit")
     >>> {name: round(value, 1) for name, value in found.values.items()}
@@ -173,8 +164,8 @@ def fit_force_extension(
             raise check.fail("stretch_modulus", f"be None for {model!r}, which does not stretch", repr(stretch_modulus))
         if curve.dimension != 3:
             raise check.fail("model", "hold in two dimensions for this curve", repr(model))
-    given = dict(zip(_NAMES, (persistence_length, contour_length, stretch_modulus), strict=True))
-    chain = _Chain(model, curve, _BOLTZMANN * kelvin, given, start or {})
+    given = dict(zip(PARAMETERS, (persistence_length, contour_length, stretch_modulus), strict=True))
+    chain = FittedChain(model, curve, _BOLTZMANN * kelvin, given, start or {})
     known = curve.extension_error is not None or curve.force_error is not None
     freedom = len(curve) - len(chain.fitted)
     if freedom < (0 if known else 1):
@@ -203,7 +194,7 @@ def fit_force_extension(
         covariance,
         best.chi_squared,
         freedom,
-        float(stats.chi2.sf(best.chi_squared, freedom)) if known and freedom else math.nan,
+        float(special.chdtrc(freedom, best.chi_squared)) if known and freedom else math.nan,
         curve.extension - chain.extension(best.at),
         curve,
     )
@@ -211,128 +202,7 @@ def fit_force_extension(
     return found
 
 
-def _extension(model: str, force: Array, lp: float, length: float, modulus: float, kT: float, dimension: int) -> Array:
-    """The model's extension; an infinite modulus is that of a chain that does not stretch."""
-    stretch = None if math.isinf(modulus) else modulus
-    if model == "bouchiat":
-        return np.asarray(wlc.extension_bouchiat(force, lp, length, kT))
-    if model == "marko_siggia":
-        return np.asarray(wlc.extension_marko_siggia(force, lp, length, kT))
-    if model == "odijk":
-        if stretch is None:
-            return np.asarray(wlc.extension_high_force(force, lp, length, kT, dimension=dimension))
-        return np.asarray(wlc.extension_odijk(force, lp, length, kT, stretch, dimension=dimension))
-    finite = model == "exact"
-    return np.asarray(
-        wlc.extension_exact(force, lp, length, kT, stretch_modulus=stretch, finite=finite, dimension=dimension)
-    )
-
-
-@functools.cache
-def _table() -> tuple[Array, Array]:
-    """Logarithms of reduced forces and the extension over the contour length there, for starting values."""
-    f = np.geomspace(1e-4, 1e6, 400)
-    return np.log(f), np.asarray(wlc.extension_bouchiat(f, 1.0, 1.0, 1.0))
-
-
-class _Chain:
-    """The fitted parameters as numbers without bounds that matter: ln l_p, ln L, and 1/S in units of `_SOFT`."""
-
-    def __init__(
-        self, model: str, curve: Curve, kT: float, given: dict[str, Any], start: Mapping[str, float]
-    ) -> None:
-        self.model, self.curve, self.kT = model, curve, kT
-        self.fitted = tuple(name for name in _NAMES if isinstance(given[name], str))
-        for name in self.fitted:
-            check.one_of(name, given[name], ("fit",))
-        if not self.fitted:
-            raise ValueError("Argument `persistence_length` or another must be 'fit', but all are fixed.")
-        for name in start:
-            check.one_of("start", name, self.fitted)
-        self.fixed = {
-            name: math.inf if value is None else float(check.shape(name, check.positive(name, value), ()))
-            for name, value in given.items()
-            if name not in self.fitted
-        }
-        self.begin = self._starting({name: float(check.positive(name, value)) for name, value in start.items()})
-
-    def values(self, at: Array) -> dict[str, float]:
-        """All three parameters, in nm and pN."""
-        free = {name: self.physical(name, x) for name, x in zip(self.fitted, at.tolist(), strict=True)}
-        return {name: free[name] if name in free else self.fixed[name] for name in _NAMES}
-
-    @staticmethod
-    def physical(name: str, x: float) -> float:
-        """A parameter in nm or pN from its number."""
-        if name == "stretch_modulus":
-            return math.inf if x <= 0 else 1 / (x * _SOFT)
-        return math.exp(min(x, 700.0)) if x < math.inf else math.inf
-
-    @staticmethod
-    def slope(name: str, value: float) -> float:
-        """Derivative of a parameter by its number."""
-        return -(value**2) * _SOFT if name == "stretch_modulus" else value
-
-    def extension(self, at: Array, model: str | None = None) -> Array:
-        """Extensions (M,) in nm, of this model or of another."""
-        values = [self.values(at)[name] for name in _NAMES]
-        return _extension(model or self.model, self.curve.force, *values, self.kT, self.curve.dimension)
-
-    def solve(self) -> tuple[Problem, Minimum]:
-        """The best fit; errors of forces enter by the slope of the last one, until that settles."""
-        low = np.where([name == "stretch_modulus" for name in self.fitted], 0.0, self.begin - _BOUNDS)
-        high = np.where([name == "stretch_modulus" for name in self.fitted], 1e4, self.begin + _BOUNDS)
-        at = self.begin
-        for _ in range(1 if self.curve.force_error is None else 12):
-            sigma = self.errors(at)
-            problem = Problem(lambda x, s=sigma: (self.curve.extension - self.extension(x)) / s, low, high)  # type: ignore[misc]
-            best = minimise(problem, at)
-            settled = bool(np.all(np.abs(best.at - at) < 1e-6))
-            at = best.at
-            if settled:
-                break
-        return problem, best
-
-    def errors(self, at: Array) -> Array:
-        """Standard errors (M,) of the residuals in nm; 1 where none are known."""
-        curve = self.curve
-        if curve.force_error is None:
-            return np.ones(len(curve)) if curve.extension_error is None else curve.extension_error
-        values = [self.values(at)[name] for name in _NAMES]
-        ends = [
-            _extension(self.model, curve.force * factor, *values, self.kT, curve.dimension) for factor in (0.99, 1.01)
-        ]
-        variance = ((ends[1] - ends[0]) / (0.02 * curve.force) * curve.force_error) ** 2
-        if curve.extension_error is not None:
-            variance = variance + curve.extension_error**2
-        return np.asarray(np.sqrt(variance))
-
-    def _starting(self, start: dict[str, float]) -> Array:
-        """Numbers to begin at: the best on a grid of l_p and S, L being linear, by an interpolation."""
-        curve, fixed = self.curve, self.fixed | start
-        unit = self.kT / float(np.sqrt(curve.force.min() * curve.force.max()))
-        lengths = [fixed["persistence_length"]] if "persistence_length" in fixed else unit * np.geomspace(0.02, 500, 40)
-        moduli = [fixed["stretch_modulus"]] if "stretch_modulus" in fixed else [math.inf, 3000.0, 1000.0, 300.0, 100.0]
-        weights = np.ones(len(curve)) if curve.extension_error is None else curve.extension_error**-2.0
-        best: tuple[float, dict[str, float]] = (math.inf, {})
-        for lp in lengths:
-            straight = np.interp(np.log(curve.force * lp / self.kT), *_table())
-            for modulus in moduli:
-                shape = straight + curve.force / modulus
-                length = fixed.get("contour_length", float(weights @ (shape * curve.extension) / (weights @ shape**2)))
-                chi = float(weights @ (curve.extension - length * shape) ** 2)
-                if length > 0 and chi < best[0]:
-                    values = {"persistence_length": lp, "contour_length": length, "stretch_modulus": modulus}
-                    best = (chi, values)
-        if not best[1]:
-            raise ValueError("Argument `data` must have extensions along the force, but they point against it.")
-        values = best[1]
-        return np.array(
-            [1 / (values[n] * _SOFT) if n == "stretch_modulus" else math.log(values[n]) for n in self.fitted]
-        )
-
-
-def _tell(found: ForceExtensionFit, chain: _Chain, best: Minimum, spread: float | None) -> None:
+def _tell(found: ForceExtensionFit, chain: FittedChain, best: Minimum, spread: float | None) -> None:
     """Warn of what the fit cannot say."""
     for name in found.fitted:
         low, high = found.intervals[name]
@@ -354,10 +224,11 @@ def _tell(found: ForceExtensionFit, chain: _Chain, best: Minimum, spread: float 
     off = chain.extension(best.at) - chain.extension(best.at, "exact_infinite")
     worst = int(np.argmax(np.abs(off) / error))
     if abs(off[worst]) > error[worst]:
-        moved = -best.covariance @ (best.jacobian.T @ (-off / chain.errors(best.at)))
+        # the residuals fall by J p: this moves the parameters until the model lies where the exact chain does
+        moved = best.covariance @ (best.jacobian.T @ (off / chain.errors(best.at)))
         shifts = ", ".join(
             f"{name} by about {chain.slope(name, found.values[name]) * by:+.3g}"
-            for name, by in zip(found.fitted, -moved, strict=True)
+            for name, by in zip(found.fitted, moved, strict=True)
         )
         warnings.warn(
             f"The model {found.model!r} is off the exact chain by {off[worst]:.3g} nm at {found.curve.force[worst]:.4g} pN, "

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize, special
 
 __all__ = ["Minimum", "Problem", "minimise", "profile"]
 
@@ -20,6 +20,13 @@ Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-4
 """Step of central differences; parameters are scaled to be of order 1 where it matters."""
+
+_PRECISE = 1e-9
+"""Relative change of parameters and chi-squared at which a fit has settled."""
+
+_CLOSE = 0.03
+"""Length of a step, in standard errors, after which a minimum along a profile has been reached: chi-squared, with what the
+step takes off it, is then within about 1e-4."""
 
 _FAR = 60.0
 """Standard errors from the best value at which an interval counts as open."""
@@ -71,9 +78,9 @@ def minimise(problem: Problem, start: Array) -> Minimum:
         np.clip(start, problem.low, problem.high),
         problem.jacobian,
         bounds=(problem.low, problem.high),
-        xtol=1e-12,
-        ftol=1e-12,
-        gtol=1e-12,
+        xtol=_PRECISE,
+        ftol=_PRECISE,
+        gtol=_PRECISE,
         max_nfev=300,
     )
     if not found.success:
@@ -81,7 +88,9 @@ def minimise(problem: Problem, start: Array) -> Minimum:
     at = np.asarray(found.x)
     jacobian = problem.jacobian(at)
     residuals = problem.residuals(at)
-    return Minimum(at, residuals, jacobian, float(residuals @ residuals), np.linalg.pinv(jacobian.T @ jacobian))
+    return Minimum(
+        at, residuals, jacobian, float(residuals @ residuals), np.asarray(np.linalg.pinv(jacobian.T @ jacobian))
+    )
 
 
 def profile(problem: Problem, best: Minimum, parameter: int, level: float, spread: float | None) -> tuple[float, float]:
@@ -101,10 +110,10 @@ def profile(problem: Problem, best: Minimum, parameter: int, level: float, sprea
         A bound of the parameter, or an infinity, where the interval is open.
     """
     if spread is None:
-        rise, scale = float(stats.chi2.ppf(level, 1)), 1.0
+        rise, scale = float(special.chdtri(1, 1 - level)), 1.0
     else:
         freedom = len(best.residuals) - len(best.at)
-        rise, scale = spread * float(stats.f.ppf(level, 1, freedom)), math.sqrt(spread)
+        rise, scale = spread * float(special.fdtri(1, freedom, level)), math.sqrt(spread)
     sigma = scale * math.sqrt(best.covariance[parameter, parameter]) or 1.0
     return tuple(_end(problem, best, parameter, rise, sign * sigma) for sign in (-1, 1))  # type: ignore[return-value]
 
@@ -114,27 +123,23 @@ def _end(problem: Problem, best: Minimum, parameter: int, rise: float, sigma: fl
     rest = np.arange(len(best.at)) != parameter
     centre = float(best.at[parameter])
     limit = float((problem.low if sigma < 0 else problem.high)[parameter])
-    # the others follow along the valley of the quadratic approximation, and then from the last minimum
+    # the others follow along the valley of the quadratic approximation, and then from the nearest minimum
     column = best.covariance[:, parameter]
     valley = column[rest] / column[parameter] if column[parameter] else np.zeros(int(rest.sum()))
     known: dict[float, Array] = {centre: best.at[rest]}
 
     def excess(value: float) -> float:
+        """The root of the rise of chi-squared, nearly linear, less the one that is looked for."""
         nearest = min(known, key=lambda other: abs(other - value))
-        guess = known[nearest] + valley * (value - nearest)
 
         def full(others: Array) -> Array:
             at = np.empty(len(best.at))
             at[rest], at[parameter] = others, value
             return at
 
-        if not rest.any():
-            residuals = problem.residuals(full(guess))
-            return float(residuals @ residuals) - best.chi_squared - rise
         inner = Problem(lambda others: problem.residuals(full(others)), problem.low[rest], problem.high[rest])
-        found = minimise(inner, guess)
-        known[value] = found.at
-        return found.chi_squared - best.chi_squared - rise
+        known[value], chi = _descend(inner, known[nearest] + valley * (value - nearest))
+        return math.sqrt(max(chi - best.chi_squared, 0.0)) - math.sqrt(rise)
 
     inside, step = centre, 2 * sigma
     while True:
@@ -142,10 +147,32 @@ def _end(problem: Problem, best: Minimum, parameter: int, rise: float, sigma: fl
         beyond = outside <= limit if sigma < 0 else outside >= limit
         if beyond:
             outside = limit
+        if outside == inside:
+            return limit
         if excess(outside) > 0:
-            return float(optimize.brentq(excess, inside, outside, xtol=1e-4 * abs(sigma), rtol=1e-10))
+            return float(optimize.brentq(excess, inside, outside, xtol=1e-3 * abs(sigma), rtol=1e-10))
         if beyond:
             return limit
         if abs(outside - centre) > _FAR * abs(sigma):
             return math.copysign(math.inf, sigma)
-        inside, step = outside, 2 * step
+        inside, step = outside, 1.2 * step
+
+
+def _descend(problem: Problem, start: Array) -> tuple[Array, float]:
+    """The minimum near `start` and its chi-squared, by a few Gauss-Newton steps; by `minimise` where they do not settle."""
+    at = start
+    for _ in range(6):
+        if (at <= problem.low).any() or (at + _DIFFERENCE >= problem.high).any():
+            break
+        residuals = problem.residuals(at)
+        if not len(at):
+            return at, float(residuals @ residuals)
+        jacobian = np.stack([problem.residuals(at + h) - residuals for h in _DIFFERENCE * np.eye(len(at))], axis=1)
+        jacobian /= _DIFFERENCE
+        step = np.linalg.lstsq(jacobian, -residuals)[0]
+        gain = float(np.sum((jacobian @ step) ** 2))
+        at = at + step
+        if gain < _CLOSE**2:
+            return at, float(residuals @ residuals) - gain
+    found = minimise(problem, start)
+    return found.at, found.chi_squared

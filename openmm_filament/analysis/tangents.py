@@ -92,9 +92,8 @@ def _products(positions: Any, atoms: ArrayLike | None) -> tuple[Array, Array]:
 def _correlation(lengths: Array, products: Array) -> TangentCorrelation:
     step = float(lengths.mean())
     errors = [standard_error(products[..., n])[0] for n in range(products.shape[2])]
-    return TangentCorrelation(
-        step * np.arange(products.shape[2]), np.asarray(products.mean(axis=(0, 1))), np.array(errors), step
-    )
+    separations = step * np.arange(products.shape[2], dtype=np.float64)
+    return TangentCorrelation(separations, products.mean(axis=(0, 1)), np.array(errors), step)
 
 
 def tangent_correlation(positions: Any, *, atoms: ArrayLike | None = None) -> TangentCorrelation:
