@@ -115,3 +115,5 @@ FORCE_ERRORS = 0.02
 """Mean of 60 fits to forces that scatter by 5 %: standard error 0.4 %, and the curvature of the fitted curve."""
 SHIFT = 0.25
 """The shift of a parameter by a wrong model, to first order, against the one found."""
+ERROR_OF_ERROR = 0.15
+"""A standard error from some hundreds of effective samples, by two routes."""
