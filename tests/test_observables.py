@@ -102,7 +102,7 @@ def test_sampled_helices_have_the_exact_sizes(rng: np.random.Generator) -> None:
     )
     filament = of.Filament(of.shapes.helix(13, radius=3 * NM, pitch=6 * NM, turns=2), 300 * unit.dalton, terms)
     kT = of.units.BOLTZMANN * 300
-    correlation = wlc.tangent_correlation_discrete(13, bending=30, kT=kT, rest_angle=0.5, torsion=10, rest_torsion=0.6)
+    correlation = wlc.tangent_correlation_discrete(12, bending=30, kT=kT, rest_angle=0.5, torsion=10, rest_torsion=0.6)
     mean, variance = (f(2.0, 60.0, kT) for f in (wlc.mean_bond_length, wlc.bond_length_variance))
     end, gyration = wlc.mean_squared_sizes(correlation, float(mean), bond_variance=float(variance))
     x = equilibrium_starts(filament, 0.0, 300.0, 1500, rng)
