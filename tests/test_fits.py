@@ -164,6 +164,22 @@ def test_intervals_without_errors_agree_with_lmfit(rng: np.random.Generator) -> 
         np.testing.assert_allclose(found.intervals[ours], (ends[0], ends[2]), atol=tol.INTERVAL * width)
 
 
+@pytest.mark.filterwarnings("ignore:The model 'odijk' is off the exact chain")  # for so little noise it is
+def test_intervals_without_errors_go_with_the_noise() -> None:
+    """A thousandth of the noise leaves a thousandth of the interval, though no error is given."""
+    widths = []
+    for relative in (5e-3, 5e-6):
+        curve = noisy(np.random.default_rng(7), relative)
+        data = Curve(curve.force, curve.extension)
+        found = fit_force_extension(
+            data, model="odijk", temperature=KELVIN, contour_length=1000.0, stretch_modulus=1000.0
+        )
+        low, high = found.intervals["persistence_length"]
+        assert low < 53 < high
+        widths.append(high - low)
+    assert widths[0] / widths[1] == pytest.approx(1000, rel=0.05)
+
+
 def test_a_profile_agrees_with_a_grid() -> None:
     """`y = a exp(b x)` with large errors: the interval of b is not symmetric."""
     x = np.linspace(0, 1, 6)

@@ -109,13 +109,26 @@ def profile(problem: Problem, best: Minimum, parameter: int, level: float, sprea
     tuple of float
         A bound of the parameter, or an infinity, where the interval is open.
     """
-    if spread is None:
-        rise, scale = float(special.chdtri(1, 1 - level)), 1.0
-    else:
-        freedom = len(best.residuals) - len(best.at)
-        rise, scale = spread * float(special.fdtri(1, freedom, level)), math.sqrt(spread)
-    sigma = scale * math.sqrt(best.covariance[parameter, parameter]) or 1.0
-    return tuple(_end(problem, best, parameter, rise, sign * sigma) for sign in (-1, 1))  # type: ignore[return-value]
+    if spread == 0:  # the fit goes through every point
+        return float(best.at[parameter]), float(best.at[parameter])
+    rise = float(special.chdtri(1, 1 - level))
+    if spread is not None:
+        rise = float(special.fdtri(1, len(best.residuals) - len(best.at), level))
+        problem, best = _scaled(problem, best, math.sqrt(spread))
+    sigma = math.sqrt(best.covariance[parameter, parameter]) or 1.0
+    return _end(problem, best, parameter, rise, -sigma), _end(problem, best, parameter, rise, sigma)
+
+
+def _scaled(problem: Problem, best: Minimum, unit: float) -> tuple[Problem, Minimum]:
+    """The same with residuals counted in this unit."""
+    minimum = Minimum(
+        best.at,
+        best.residuals / unit,
+        best.jacobian / unit,
+        best.chi_squared / unit**2,
+        best.covariance * unit**2,
+    )
+    return Problem(lambda at: problem.residuals(at) / unit, problem.low, problem.high), minimum
 
 
 def _end(problem: Problem, best: Minimum, parameter: int, rise: float, sigma: float) -> float:

@@ -22,7 +22,7 @@ from openmm_filament.starts import equilibrium_starts
 from systems import stage
 from systems.scene import Check
 
-__all__ = ["KELVIN", "SEGMENTS", "Sampled", "checks", "figure", "numbers", "sampled", "write"]
+__all__ = ["FRAMES", "SIGMAS", "TORSION", "Sampled", "checks", "deviations", "numbers", "sampled", "write"]
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Sampled:
     exact: Array
 
 
-def filament(torsion: float = TORSION) -> of.Filament:
+def _filament(torsion: float = TORSION) -> of.Filament:
     """The helix, its torsion in kJ/mol."""
     kj = unit.kilojoule_per_mole
     return of.Filament(
@@ -70,15 +70,15 @@ def filament(torsion: float = TORSION) -> of.Filament:
     )
 
 
-def exact(torsion: float = TORSION) -> Array:
+def _exact() -> Array:
     """`<t_n . t_0>`, (SEGMENTS,), by the product of mean rotations; energies in kJ/mol, of which it takes only ratios."""
-    x = filament().rest.value_in_unit(unit.nanometer)
+    x = _filament().rest.value_in_unit(unit.nanometer)
     return of.wlc.tangent_correlation_discrete(
         SEGMENTS - 1,
         bending=BENDING,
         kT=of.units.BOLTZMANN * KELVIN,
         rest_angle=float(bending_angles(x[None, :3])[0]),
-        torsion=torsion,
+        torsion=TORSION,
         rest_torsion=float(dihedrals(x[None, :4])[0]),
     )
 
@@ -87,7 +87,7 @@ def sampled(
     samples: int, seed: int, *, torsion: float = TORSION, progress: Callable[[float], None] | None = None
 ) -> Sampled:
     """Run `CHAINS` helices with a Langevin thermostat, from shapes drawn from equilibrium."""
-    helix = filament(torsion)
+    helix = _filament(torsion)
     model = of.build([helix] * CHAINS)
     noise = 1 + seed % (2**31 - 2)
     integrator = of.langevin(model, KELVIN * unit.kelvin, seed=noise)
@@ -104,7 +104,7 @@ def sampled(
         motion.values[:, beads],
         stage.seconds(motion),
         of.analysis.tangent_correlation(motion.values, atoms=beads),
-        exact(),
+        _exact(),
     )
 
 
@@ -147,7 +147,7 @@ def checks(run: Sampled) -> list[Check]:
 
 def _bond() -> float:
     """Rest length of a segment in nm."""
-    x = filament().rest.value_in_unit(unit.nanometer)
+    x = _filament().rest.value_in_unit(unit.nanometer)
     return float(np.linalg.norm(x[1] - x[0]))
 
 
@@ -174,13 +174,13 @@ def write(folder: Path, run: Sampled) -> None:
         columns = (found.separations, found.values, found.errors, run.exact)
         for n, row in enumerate(zip(*columns, strict=True)):
             writer.writerow([n, *(f"{number:.10g}" for number in row)])
-    figure(folder / "tangent_correlations.png", run)
+    _figure(folder / "tangent_correlations.png", run)
     every = -(-len(run.times) // FRAMES)
     flat = run.positions.reshape(len(run.positions), -1, 3)
     stage.write_trajectory(folder / "trajectory_thermal.dcd", run.model, run.times[::every], flat[::every])
 
 
-def figure(path: Path, run: Sampled) -> None:
+def _figure(path: Path, run: Sampled) -> None:
     """Correlations with error bars on the exact ones, and their differences in standard errors."""
     from matplotlib.figure import Figure
 
