@@ -52,7 +52,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             applied = forces if form is of.torsion.Harmonic else forces[forces <= WEIGHTED_TO]
             curves.append(coil.pulled(shear, applied, form=form, progress=_part(show, done, len(cases))))
     with stage.progress("thermal motion") as show:
-        warm = thermal.sampled(800 if quick else 6000, seed, progress=show)
+        warm = thermal.sampled(600 if quick else 6000, seed, progress=show)
     checks = [*_stiffness_checks(), *_work_checks(curves), *_claims(curves), *thermal.checks(warm)]
     _write_csv(folder / "force_extension.csv", curves)
     figures.curves(folder / "force_extension.png", curves)
