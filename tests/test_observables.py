@@ -10,6 +10,7 @@ import numpy as np
 import openmm as mm
 import pytest
 import tolerances as tol
+from arviz_stats.base import array_stats
 from conftest import KJ, NM
 from openmm import app, unit
 from scipy import integrate, stats
@@ -178,6 +179,25 @@ def test_errors_of_correlated_samples_cover_as_often_as_they_say() -> None:
     assert np.mean([each.autocorrelation_time for each in found]) == pytest.approx(4.5, rel=tol.ERROR_OF_ERROR)
     naive = np.array([each.value / (x[:, s].std() / 40) for s, each in enumerate(found)])
     assert stats.binomtest(int((np.abs(naive) < 1.96).sum()), series, 0.95).pvalue < tol.COVERAGE
+
+
+def test_the_error_agrees_with_arviz(rng: np.random.Generator) -> None:
+    """Geyer's rule there, Wolff's here, on relaxation without oscillation, where both hold."""
+    x = rng.normal(size=(6000, 4))
+    for i in range(1, len(x)):
+        x[i] += 0.8 * x[i - 1]
+    other = array_stats.mcse(x[1000:].T, chain_axis=0, draw_axis=1, method="mean")
+    assert analysis.average(x[1000:]).error == pytest.approx(float(other), rel=tol.ERROR_OF_ERROR)
+
+
+def test_the_error_of_a_damped_oscillation() -> None:
+    """`x'' = 1.6 x' - 0.8 x + noise`, like chains under little friction: the exact variance of its mean is 25/n."""
+    rng, series = np.random.default_rng(3), 40
+    x = rng.normal(size=(2500, series, 4))
+    for i in range(2, len(x)):
+        x[i] += 1.6 * x[i - 1] - 0.8 * x[i - 2]
+    errors = [analysis.average(x[500:, s]).error for s in range(series)]
+    assert np.mean(errors) == pytest.approx(5 / math.sqrt(8000), rel=0.05)
 
 
 def test_runs_that_stay_apart_have_the_error_of_their_scatter(rng: np.random.Generator) -> None:

@@ -2,7 +2,9 @@
 
 The variance of the mean of n samples with autocovariance G(t) is `(1/n) sum_t G(t)`, summed to a window beyond which
 there is only noise, as U. Wolff, Computer Physics Communications 156, 143 (2004), does it: also for a function of several
-means, by the series of what each sample moves the function by.
+means, by the series of what each sample moves the function by. The window is set by the magnitudes of the autocorrelation,
+not by itself: that of chains under little friction swings about zero, and its sum passes the end of Wolff's window early
+(errors of an oscillation that decays over nine samples come out 0.84 of the true ones by the sum, 0.99 by the magnitudes).
 """
 
 from __future__ import annotations
@@ -20,10 +22,8 @@ __all__ = ["Average", "average", "standard_error"]
 
 Array = NDArray[np.float64]
 
-_RATIO = 2.0
-"""S of Wolff: the exponential autocorrelation time that is assumed over the integrated one, which sets the window. The
-autocorrelation of chains under little friction swings about zero; with 1.5 errors of 800 frames of a helix were a tenth too
-small."""
+_RATIO = 1.5
+"""S of Wolff: the exponential autocorrelation time that is assumed over the integrated one, which sets the window."""
 
 
 @dataclass(frozen=True)
@@ -86,19 +86,21 @@ def standard_error(values: Array) -> tuple[float, float]:
     padded = fft.next_fast_len(2 * length, real=True)
     power = (np.abs(fft.rfft(deviations, n=padded, axis=0)) ** 2).sum(axis=1)
     covariance = fft.irfft(power, n=padded)[:length] / (runs * (length - np.arange(length)))
-    times = 0.5 + np.concatenate([[0.0], np.cumsum(covariance[1:])]) / covariance[0]
-    window = _window(times, count)
+    correlation = covariance[1:] / covariance[0]
+    window = _window(0.5 + np.cumsum(np.maximum(np.abs(correlation) - 1 / math.sqrt(count), 0.0)), count)
+    time = 0.5 + float(correlation[:window].sum())
     # the mean that was subtracted takes its own variance out of every covariance
-    time = max(float(times[window]), 0.5 / (2 * window + 1)) * (1 + (2 * window + 1) / count)
+    time = max(time, 0.5 / (2 * window + 1)) * (1 + (2 * window + 1) / count)
     return math.sqrt(2 * time * spread / count), time
 
 
 def _window(times: Array, count: int) -> int:
-    """Wolff's window for integrated times (T,) as they grow with it."""
-    last = len(times) - 1
-    w = np.arange(1, last + 1)
+    """The window for integrated times (T - 1,) as they grow with it from 1 on, of `count` samples in all; 0 for T = 1."""
+    if not len(times):
+        return 0
+    w = np.arange(1, len(times) + 1)
     with np.errstate(divide="ignore", over="ignore"):
-        tau = np.where(times[1:] > 0.5, _RATIO / np.log1p(1 / np.maximum(times[1:] - 0.5, 1e-300)), 1e-10)
+        tau = np.where(times > 0.5, _RATIO / np.log1p(1 / np.maximum(times - 0.5, 1e-300)), 1e-10)
         falling = np.exp(-w / tau) - tau / np.sqrt(w * count)
     ends = np.flatnonzero(falling < 0)
-    return int(w[ends[0]]) if len(ends) else last
+    return int(w[ends[0]]) if len(ends) else len(times)
