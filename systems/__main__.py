@@ -21,7 +21,7 @@ SYSTEMS = {
     "weighted_string": "the guitar string with beads 40 times heavier, against the exact modes of the loaded chain",
     "open_ring": "an open ring pulled apart in its plane and across it, its energies and its deflections",
     "planar_force_extension": "a random planar chain pulled cold and hot: is missing noise why no worm-like chain fits?",
-    "helix_force_extension": "a helix pulled without temperature, its torsion from soft to stiff",
+    "helix_force_extension": "a helix pulled without temperature, its torsion from soft to stiff; a warm one unloaded",
     "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
 }
 

@@ -104,3 +104,19 @@ ELASTICA = 1e-3
 """Tip of a clamped chain of 40 segments against the elastica, over its length; it falls as the square of the segments."""
 HELLMANN_FEYNMAN = 1e-5
 """Slope of the energy with the force over 0.2 % of it against the extension: the third derivative, and rounding of the energy."""
+FITTED = 1e-5
+"""Parameters fitted to a curve without noise. Measured: 1e-7 or less."""
+OTHER_FIT = 1e-4
+"""The same fit by curve_fit, lmfit or Gauss-Newton: each stops within 1e-5 or so of the minimum."""
+OTHER_COVARIANCE = 0.02
+"""Standard errors and covariances from their Jacobians, which are differences of unlike steps."""
+INTERVAL = 2e-3
+"""Ends of an interval over its width: a root found within 1e-3 of a standard error, a grid of 1e-4."""
+COVERAGE = 1e-3
+"""Probability of counts, or of a distribution, as far off as those found. Seeded: they do not vary."""
+FORCE_ERRORS = 0.02
+"""Mean of 60 fits to forces that scatter by 5 %: standard error 0.4 %, and the curvature of the fitted curve."""
+SHIFT = 0.25
+"""The shift of a parameter by a wrong model, to first order, against the one found."""
+ERROR_OF_ERROR = 0.15
+"""A standard error from some hundreds of effective samples, by two routes."""

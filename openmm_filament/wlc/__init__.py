@@ -38,7 +38,7 @@ ValueError
     If an argument is out of its range, or the extension out of the chain's reach.
 """
 
-from openmm_filament.wlc.bonds import mean_bond_length, rest_length
+from openmm_filament.wlc.bonds import bond_length_variance, mean_bond_length, rest_length
 from openmm_filament.wlc.continuous import extension_exact, force_exact
 from openmm_filament.wlc.discrete import extension_discrete, force_discrete
 from openmm_filament.wlc.flexible import extension_fjc, extension_gaussian, force_fjc, force_gaussian
@@ -57,10 +57,18 @@ from openmm_filament.wlc.limits import (
     force_hookean,
     force_odijk,
 )
-from openmm_filament.wlc.moments import mean_squared_end_to_end, mean_squared_end_to_end_discrete
+from openmm_filament.wlc.moments import (
+    mean_squared_end_to_end,
+    mean_squared_end_to_end_discrete,
+    mean_squared_radius_of_gyration,
+    mean_squared_radius_of_gyration_discrete,
+    mean_squared_sizes,
+)
+from openmm_filament.wlc.tangents import tangent_correlation_discrete
 
 __all__ = [
     "bending_from_cosine",
+    "bond_length_variance",
     "extension_bouchiat",
     "extension_discrete",
     "extension_exact",
@@ -83,5 +91,9 @@ __all__ = [
     "mean_cosine",
     "mean_squared_end_to_end",
     "mean_squared_end_to_end_discrete",
+    "mean_squared_radius_of_gyration",
+    "mean_squared_radius_of_gyration_discrete",
+    "mean_squared_sizes",
     "rest_length",
+    "tangent_correlation_discrete",
 ]

@@ -18,7 +18,7 @@ import numpy as np
 import openmm_filament as of
 from openmm_filament.trajectory import TrajectoryWriter
 from systems import stage
-from systems.helix_force_extension import coil, figures
+from systems.helix_force_extension import coil, figures, thermal
 from systems.scene import Check, Summary
 
 __all__ = ["options", "run"]
@@ -40,7 +40,6 @@ def options(parser: argparse._ArgumentGroup) -> None:
 
 def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) -> int:
     """Pull the helix and write the results into `folder`; 1 if an exact check fails, else 0."""
-    del seed  # nothing is random
     begun = time.perf_counter()
     count = (6 if quick else 31) if options.points is None else options.points
     if count < 6:
@@ -52,17 +51,20 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         for done, (shear, form) in enumerate(cases):
             applied = forces if form is of.torsion.Harmonic else forces[forces <= WEIGHTED_TO]
             curves.append(coil.pulled(shear, applied, form=form, progress=_part(show, done, len(cases))))
-    checks = [*_stiffness_checks(), *_work_checks(curves), *_claims(curves)]
+    with stage.progress("thermal motion") as show:
+        warm = thermal.sampled(600 if quick else 6000, seed, progress=show)
+    checks = [*_stiffness_checks(), *_work_checks(curves), *_claims(curves), *thermal.checks(warm)]
     _write_csv(folder / "force_extension.csv", curves)
     figures.curves(folder / "force_extension.png", curves)
     _write_trajectory(folder / "trajectory.dcd", curves[coil.SHEAR.index(1e9)])
+    thermal.write(folder, warm)
     findings = [*_findings(curves), *figures.pictures(folder, curves[coil.SHEAR.index(1e9)])]
     return stage.close(
         folder,
         Summary(
             system="helix_force_extension",
-            models=[curve.model for curve in curves],
-            platform="none (statics)",
+            models=[*(curve.model for curve in curves), warm.model],
+            platform="none (statics), Reference (thermal)",
             wall_seconds=time.perf_counter() - begun,
             filament={
                 "segments": coil.SEGMENTS,
@@ -77,6 +79,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
                 "temperature_K": 0,
                 "held_bead": 0,
                 "pulled_bead": -1,
+                **thermal.numbers(),
             },
             checks=checks,
             findings=findings,
