@@ -17,11 +17,11 @@ from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.blocks import clamped_model
 from openmm_filament.discretisation import PN
+from openmm_filament.executors import available_workers
 from openmm_filament.filament import Filament
 from openmm_filament.holding import tension
 from openmm_filament.integrators import FRICTION, thermal_step
 from openmm_filament.ramping import Control, Ramp, RampResult, controlled_model
-from openmm_filament.sampling import _workers
 from openmm_filament.timestep import slow_frequency
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class Settings:
             return None if value is None else check.positive(name, units.number(name, value, dimension)).item()
 
         rate, time = positive("friction", friction, "rate"), positive("equilibration", equilibration, "time")
-        return cls(filament, kelvin, replicas, seed, timestep, rate, time, _workers(processes))
+        return cls(filament, kelvin, replicas, seed, timestep, rate, time, available_workers(processes))
 
     def at(self, control: Control, first: float, last: float, stiffness: Array) -> Setup:
         """What follows from where the end is led."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from typing import TypeVar
 
-from openmm_filament.sampling import _begin_worker, _main_hidden
+from openmm_filament.executors import main_hidden, worker_options
 
 __all__ = ["run_all"]
 
@@ -25,11 +24,9 @@ def run_all(
     """
     pending: dict[Future[R], int] = {}
     results: list[R | None] = [None] * len(tasks)
-    with ProcessPoolExecutor(
-        min(workers, len(tasks)), mp_context=multiprocessing.get_context("spawn"), initializer=_begin_worker
-    ) as pool:
+    with ProcessPoolExecutor(min(workers, len(tasks)), **worker_options()) as pool:
         try:
-            with _main_hidden():
+            with main_hidden():
                 for i, task in enumerate(tasks):
                     pending[pool.submit(function, task)] = i
             while pending:

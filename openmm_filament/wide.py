@@ -54,19 +54,19 @@ def replicas(plans: Sequence[Plan], kelvin: float, dimension: int) -> list[int]:
     """How many replicas of each force to run: in proportion to the steps that one would need, as far as that is known."""
     needs = np.array([_need(plan, kelvin, dimension) for plan in plans])
     needs[np.isnan(needs)] = np.nanmean(needs) if np.isfinite(needs).any() else 1.0
-    beads = np.array([len(plan.filament) for plan in plans])
+    beads = np.array([len(plan.choice.filament) for plan in plans])
     counts: Array = np.maximum(np.round(needs * _BEADS / (needs @ beads)), _FEWEST)
     return [int(count) for count in counts]
 
 
 def _need(plan: Plan, kelvin: float, dimension: int) -> float:
     """Steps to the wanted error, up to a factor: independent samples by the exact fluctuation, `k_B T dz/dF`."""
-    exact = exact_chain(plan.filament, kelvin * unit.kelvin)
+    exact = exact_chain(plan.choice.filament, kelvin * unit.kelvin)
     if exact is None:
         return math.nan
     low, here, high = (float(exact.extension(plan.force * factor, dimension)) for factor in (0.99, 1.0, 1.01))
     variance = exact.kT * (high - low) / (0.02 * plan.force) / here**2
-    samples = variance * (2 / (plan.relative_error - abs(plan.bias))) ** 2
+    samples = variance * (2 / (plan.relative_error - plan.choice.known)) ** 2
     return max(samples, FEWEST_SAMPLES) * plan.stride
 
 
@@ -82,7 +82,7 @@ def wide_points(plans: Sequence[Plan], kelvin: float, dimension: int, seed: int,
             stride=max(1, round(plan.stride / tick)) * tick,
             warm_up=warm_up,
         )
-        points.append(Point(plan.force, plan.relative_error, plan.bias, [Run(block, _FIRST_ROUND)]))
+        points.append(Point(plan.force, plan.relative_error, plan.choice, [Run(block, _FIRST_ROUND)]))
     return points
 
 
