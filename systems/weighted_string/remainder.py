@@ -208,8 +208,8 @@ def findings(leftovers: Sequence[Remainder], why: Causes, kept: Kept) -> list[st
         f"{why.default.largest:.1e} instead of {why.as_plucked.largest:.1e}: {max(more, 0)} weak peaks are there "
         "OpenMM's arccosine, which disturbs the tiny bends that hard damping leaves.",
         f"(c) What the modes leave of that by arctangent grows with the power {why.power:.2f} of the pluck, over the line itself "
-        f"({WEAKER:.0f} times weaker it is {why.weaker.largest:.1e}, 30 segments): it is of third order in the amplitude, from the stretching "
-        "that both directions of motion share.",
+        f"({WEAKER:.0f} times weaker it is {why.weaker.largest:.1e}, 30 segments): it is of third order in the amplitude, from the "
+        "stretching that both directions of motion share.",
         f"Undamped, at a tenth of the stability limit, ({kept.name}) in {kept.segments} segments (bends up to {kept.bend:.1e} rad) "
         f"changes the energy of its motion by {kept.exact} of it in 10^6 steps with bending by arctangent and by {kept.default} "
         f"with the default form ({kept.exact.length} steps).",
