@@ -202,14 +202,14 @@ def findings(leftovers: Sequence[Remainder], why: Causes, kept: Kept) -> list[st
         f"(c) The spectrum has {c.peaks} maxima above {_SKIRT:g} of the strongest up to the last of {LINES} lines, that of the "
         f"exact modes alone {c.exact_peaks}. {_AWAY:.0f} Hz or more from every line the sound has at most "
         f"{c.sound_between:.1e} of the strongest, skirts of lines that decay, the exact modes {c.exact_between:.1e}, and what is "
-        f"neither {c.between:.1e}.",
+        f"neither {c.between:.1e}; the cause of narrow peaks among these is not known.",
         f"(c) With the default form of bending it has {why.default.peaks} maxima, where that by arctangent has "
         f"{why.as_plucked.peaks} and the exact modes {why.as_plucked.exact_peaks} (30 segments), and the exact modes leave "
-        f"{why.default.largest:.1e} instead of {why.as_plucked.largest:.1e}: {max(more, 0)} weak peaks between the lines are "
+        f"{why.default.largest:.1e} instead of {why.as_plucked.largest:.1e}: {max(more, 0)} weak peaks are there "
         "OpenMM's arccosine, which disturbs the tiny bends that hard damping leaves.",
         f"(c) What the modes leave of that by arctangent grows with the power {why.power:.2f} of the pluck, over the line itself "
-        f"({WEAKER:.0f} times weaker it is {why.weaker.largest:.1e}): it is of third order in the amplitude, from the stretching "
-        "that both directions of motion share.",
+        f"({WEAKER:.0f} times weaker it is {why.weaker.largest:.1e}, 30 segments): it is of third order in the amplitude, from the "
+        "stretching that both directions of motion share.",
         f"Undamped, at a tenth of the stability limit, ({kept.name}) in {kept.segments} segments (bends up to {kept.bend:.1e} rad) "
         f"changes the energy of its motion by {kept.exact} of it in 10^6 steps with bending by arctangent and by {kept.default} "
         f"with the default form ({kept.exact.length} steps).",
