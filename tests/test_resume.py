@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -23,6 +22,8 @@ from openmm_filament import checkpoints, sampling
 from openmm_filament.checkpoints import Checkpoint
 from openmm_filament.progress import Progress
 from systems.scene import OutputError, fresh_folder, is_interrupted, prepared_checkpoint
+
+resource = pytest.importorskip("resource", reason="limits of POSIX")
 
 PN = unit.piconewton
 WARM = 298 * unit.kelvin
