@@ -15,9 +15,11 @@ from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.model import Model
 
-__all__ = ["fastest_platform", "needed_precision", "platform_properties"]
+__all__ = ["GPUS", "fastest_platform", "needed_precision", "platform_properties"]
 
-_GPU = ("CUDA", "HIP", "OpenCL")
+GPUS = ("CUDA", "HIP", "OpenCL")
+"""Platforms that run on graphics cards."""
+
 _WORTH_TRYING = 30e-6
 """Time of one step on Reference, in seconds, below which no other platform can win: the CPU platform spends 40 to 240 us
 a step on waking its threads (measured with 10 beads), a GPU some 50 us on starting its kernels."""
@@ -57,7 +59,7 @@ def platform_properties(
     """
     name = platform if isinstance(platform, str) else platform.getName()
     check.one_of("platform", name, [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())])
-    if name in _GPU:
+    if name in GPUS:
         return {"Precision": needed_precision(model, temperature)}
     return {}
 
@@ -86,7 +88,7 @@ def _measure(model: Model, precision: str) -> str:
         if name == "Reference" or baseline < _WORTH_TRYING:
             continue
         try:
-            seconds = _seconds_per_step(model, name, {"Precision": precision} if name in _GPU else {})
+            seconds = _seconds_per_step(model, name, {"Precision": precision} if name in GPUS else {})
         except mm.OpenMMException as error:
             warnings.warn(
                 f"Platform {name} cannot run this model in {precision} precision ({error}); it is passed over.",

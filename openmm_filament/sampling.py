@@ -40,13 +40,14 @@ from openmm_filament.filament import Filament
 from openmm_filament.fingerprints import fingerprint
 from openmm_filament.keeping import intact, keep, restored, tell_of
 from openmm_filament.planning import GROUPS, REPLICAS, Plan, plan_curve
+from openmm_filament.platforms import GPUS
 from openmm_filament.points import FIRST_ROUND
 from openmm_filament.points import Point as _Point
 from openmm_filament.points import Run as _Run
 from openmm_filament.progress import Meter, Progress
 from openmm_filament.rods import WormlikeChain
 from openmm_filament.trajectory import TrajectoryWriter
-from openmm_filament.wide import GPUS, sample_wide, wide_points
+from openmm_filament.wide import sample_wide, wide_points
 
 if TYPE_CHECKING:
     import xarray

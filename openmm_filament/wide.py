@@ -30,12 +30,9 @@ from openmm_filament.points import Point, Run
 from openmm_filament.progress import Meter
 from openmm_filament.starts import equilibrium_starts
 
-__all__ = ["GPUS", "WideRun", "replicas", "sample_wide", "wide_points"]
+__all__ = ["WideRun", "replicas", "sample_wide", "wide_points"]
 
 Array = NDArray[np.float64]
-
-GPUS = ("CUDA", "HIP", "OpenCL")
-"""Platforms on which a curve is one Context: there many small ones would wait for one another."""
 
 _BEADS = 20_000
 """Beads in the System, enough to occupy a GPU."""

@@ -19,6 +19,7 @@ import openmm_filament as of
 from openmm_filament import sampling, wide, wlc
 from openmm_filament.divergence import DivergedError
 from openmm_filament.planning import plan_curve
+from openmm_filament.platforms import GPUS
 from openmm_filament.progress import Progress
 
 PLATFORMS = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
@@ -43,7 +44,7 @@ OPENCL = pytest.mark.skipif(not works("OpenCL"), reason="no OpenCL device")
 @pytest.fixture(autouse=True)
 def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reference runs as a GPU does, and a System is small."""
-    monkeypatch.setattr(sampling, "GPUS", (*wide.GPUS, "Reference"))
+    monkeypatch.setattr(sampling, "GPUS", (*GPUS, "Reference"))
     monkeypatch.setattr(wide, "_BEADS", 400)
 
 
