@@ -141,7 +141,7 @@ def test_arccosine_bending_forces_of_openmm_are_not(rng: np.random.Generator) ->
 def test_arctangent_bending_of_a_straight_chain_has_no_force(rest: float) -> None:
     term = bending.Harmonic(ALPHA * KJ, rest * unit.radian, form="arctangent")
     filament = of.Filament(of.shapes.line(9, 1 * NM), 1 * unit.dalton, (term,))
-    np.testing.assert_array_equal(of.forces(of.build(filament)), np.zeros((10, 3)))
+    assert np.abs(of.forces(of.build(filament))).max() <= ALPHA * tol.STRAIGHT
 
 
 def test_another_form_of_bending_is_refused() -> None:

@@ -22,6 +22,9 @@ in proportion to the bend; 3e-14 at pi - 1e-3."""
 ARCTANGENT = 1e-14
 """OpenMM's bending forces in the form "arctangent" against 50 digits, times the sine of the bend, from 1e-10 to pi - 1e-6
 rad: rounding of coordinates. Measured: at most 5e-16."""
+STRAIGHT = 1e-15
+"""Force of a straight chain in the form "arctangent" over its bending stiffness over 1 nm: the sine of 1e-15 that stands
+for zero, times the rest angle. Measured: 2e-17."""
 THESIS = 1e-10
 """Our forces against the thesis's term by term, for bends and torsions at least 0.1 from 0 and pi. Measured: 4e-15."""
 CONSTANT = 1e-9
