@@ -182,7 +182,9 @@ def static_checks(
         )
         largest = max(abs(values[n] / closed[name][n] - 1) for n in values if n <= HESSIAN_SIZE)
         checks.append(
-            _largest(f"{name} compliance: Hessian against statics up to {HESSIAN_SIZE} beads", "exact", largest, ROUNDING)
+            _largest(
+                f"{name} compliance: Hessian against statics up to {HESSIAN_SIZE} beads", "exact", largest, ROUNDING
+            )
         )
     return checks  # fmt: skip
 
