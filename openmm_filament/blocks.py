@@ -20,7 +20,7 @@ from openmm import unit
 from openmm_filament import units
 from openmm_filament.divergence import check_heat, diagnose
 from openmm_filament.filament import Filament
-from openmm_filament.integrators import internal_langevin
+from openmm_filament.integrators import calm, internal_langevin
 from openmm_filament.loads import Hold, Load, Plane, Pull
 from openmm_filament.model import Model, build
 from openmm_filament.platforms import platform_properties
@@ -150,6 +150,7 @@ def _run(block: Block) -> BlockResult:
         return positions
 
     if block.checkpoint is None:
+        calm(integrator, model)
         integrator.step(block.warm_up)
         checked(True)
     axis, beads = _axis(block.dimension), len(block.filament)

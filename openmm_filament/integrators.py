@@ -22,6 +22,7 @@ from openmm_filament.trial import energy_gain
 __all__ = [
     "FRICTION",
     "LANGEVIN_STEP",
+    "calm",
     "euler_cromer",
     "internal_langevin",
     "is_made_for",
@@ -64,6 +65,9 @@ _THERMAL_ENERGY = "kT"
 _MECHANICAL_STEP = 0.1
 """Default time step of `verlet` and `euler_cromer` over the limit; frequencies are then off by 1/600 at the stiffest mode
 and by the square of the frequency below it."""
+
+_CALM = 0.3, 1000
+"""Friction times the step, and steps, of `calm`: a velocity is forgotten in three steps, and stretched bonds in a few tens."""
 
 FRICTION = 1.0
 """Default friction over the slow frequency: between 0.25 and 2 the steps for an independent sample change by less than
@@ -122,6 +126,20 @@ def internal_langevin(
     if seed is not None:
         integrator.setRandomNumberSeed(seed)
     return _tagged(integrator, model)
+
+
+def calm(integrator: Any, model: Model) -> None:
+    """Take the energy of a start out of a chain with dihedrals before it can bring beads into line: steps of strong friction.
+
+    Such starts are drawn without their torsion and may hold tens of times the thermal energy. Chains without dihedrals,
+    and planar ones, are left alone.
+    """
+    if model.planar or not any(i.term.needs_bends and len(i.beads) for i in model.interactions):
+        return
+    friction = integrator.getFriction()
+    integrator.setFriction(_CALM[0] / integrator.getStepSize())
+    integrator.step(_CALM[1])
+    integrator.setFriction(friction)
 
 
 def is_made_for(integrator: Any, model: Model) -> bool:

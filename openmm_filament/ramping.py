@@ -25,7 +25,7 @@ from openmm_filament._term import Interaction
 from openmm_filament.divergence import check_heat, diagnose
 from openmm_filament.filament import Filament
 from openmm_filament.holding import held_starts
-from openmm_filament.integrators import internal_langevin
+from openmm_filament.integrators import calm, internal_langevin
 from openmm_filament.loads import Hold, Load, Pluck, Pull, Trap
 from openmm_filament.model import Model, build
 from openmm_filament.starts import equilibrium_starts
@@ -139,6 +139,7 @@ class _Led:
         self.value = first
         if ramp.control == "force":
             self.context.setParameter("pluck", 0.0)
+        calm(self.integrator, self.model)
         self._note()
 
     def _starts(self) -> Array:

@@ -174,7 +174,7 @@ def test_a_helix_with_torsion_is_led_in_a_trap() -> None:
         stiffness=[0, 0, 50] * STIFF,
         points=2,
         replicas=8,
-        equilibration=20 * unit.picosecond,
+        equilibration=400 * unit.picosecond,
     )
     assert np.isfinite(way.work).all()
     assert way.extension[0, :, -1].mean() > way.extension[0, :, 0].mean()
