@@ -167,7 +167,12 @@ def temperature_of(integrator: Any) -> float | None:
 
 
 def verlet(model: Model, *, timestep: unit.Quantity | None = None) -> mm.Integrator:
-    """A leapfrog Verlet integrator (Euler-Cromer without damping); by default at a tenth of the stability limit."""
+    """A leapfrog Verlet integrator (Euler-Cromer without damping); by default at a tenth of the stability limit.
+
+    Warns (UserWarning) where the filaments have a damping, which it leaves out.
+    """
+    if model.damping.any():
+        warnings.warn("Verlet leaves out the filaments' damping: `euler_cromer` takes it.", UserWarning, stacklevel=2)
     dt = _step(model, timestep, _MECHANICAL_STEP)
     if not model.planar:
         return _tagged(mm.VerletIntegrator(dt), model)

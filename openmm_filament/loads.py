@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, final
@@ -127,8 +128,8 @@ class Tension(Load):
     tension: unit.Quantity
 
     def __post_init__(self) -> None:
-        if units.number("tension", self.tension, "force") < 0:
-            raise check.fail("tension", "not be negative", self.tension)
+        if not 0 <= units.number("tension", self.tension, "force") < math.inf:
+            raise check.fail("tension", "be finite and not negative", self.tension)
 
 
 @final

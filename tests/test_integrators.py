@@ -147,6 +147,7 @@ def test_verlet_keeps_the_energy(rng: np.random.Generator) -> None:
     assert np.ptp(energies) < tol.ENERGY_DRIFT * np.mean(energies)
 
 
+@pytest.mark.filterwarnings("ignore:Verlet leaves out")
 @each_integrator
 def test_energy_is_taken_by_damping_alone(make: Callable[[of.Model], Any], rng: np.random.Generator) -> None:
     """Only `euler_cromer` reads the damping of the filaments."""
@@ -199,6 +200,7 @@ def test_velocities_out_of_the_plane_do_not_move_the_beads_under_langevin() -> N
     assert not positions(run)[:, 2].any()
 
 
+@pytest.mark.filterwarnings("ignore:Verlet leaves out")
 @each_integrator
 @pytest.mark.parametrize("plane", [False, True])
 def test_held_beads_do_not_move(make: Callable[[of.Model], Any], plane: bool, rng: np.random.Generator) -> None:
@@ -436,3 +438,10 @@ def test_a_damped_step_beyond_its_limit_is_refused() -> None:
 def test_bad_langevin_options_are_refused(options: dict[str, Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         of.langevin(of.build(helix()), **{"temperature": WARM, **options})
+
+
+def test_verlet_says_that_it_leaves_out_damping() -> None:
+    terms = (of.stretching.Harmonic(1 * KJ / NM**2),)
+    model = of.build(of.Filament(of.shapes.line(2, 1 * NM), 1 * unit.dalton, terms, damping=1 / unit.picosecond))
+    with pytest.warns(UserWarning, match="Verlet leaves out the filaments' damping"):
+        of.verlet(model, timestep=1 * unit.femtosecond)

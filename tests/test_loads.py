@@ -208,7 +208,7 @@ def test_tension_is_refused_where_nothing_can_hold_it() -> None:
         of.build(ring, [tension, Hold([0, -1])])
     with pytest.raises(ValueError, match=r"`tension` must be below k b = 60 kJ/mol/nm.*segment 0 .*is 60 kJ"):
         of.build(wire(), [Tension(60 * KJ / NM), Hold([0, -1])])
-    with pytest.raises(ValueError, match="`tension` must not be negative, but is -1"):
+    with pytest.raises(ValueError, match="`tension` must be finite and not negative, but is -1"):
         Tension(-1 * KJ / NM)
 
 

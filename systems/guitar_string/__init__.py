@@ -52,7 +52,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     with stage.progress("pluck of 12 N") as show:
         motion = hard.run(0.025 if quick else 0.15, show)
     kept = steady.steadiness(*((50, 50_000) if quick else (soft.SEGMENTS, 100_000)))
-    heard, exact = _sounds(folder, recording, motion)
+    heard, exact, sounding = _sounds(folder, recording, motion)
     _tables(folder, found, motion)
     figures.shapes(folder / "shapes.png", recording)
     figures.spectra(folder / "spectra.png", recording)
@@ -61,7 +61,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     figures.hard_pluck(folder / "hard_pluck.png", motion)
     findings = report.findings(recording, found, softness, motion) + steady.findings(kept)
     findings += _pictures(folder, motion, quick=quick)
-    models = [recording.model, motion.model]
+    models = [recording.model, motion.model, kept.model]
     return stage.close(
         folder,
         Summary(
@@ -85,6 +85,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
                 "bonds_softer_in_small_pluck": strings.SOFTER,
                 "small_pluck_timestep_s": recording.timestep,
                 "hard_pluck_timestep_s": 1 / (hard.RATE * hard.EVERY),
+                "sound_segments": sounding,
             },
             checks=[*report.checks(recording, found, softness, motion, heard, exact), *steady.checks(kept)],
             findings=findings,
@@ -92,8 +93,8 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     )
 
 
-def _sounds(folder: Path, recording: soft.Recording, motion: hard.HardPluck) -> tuple[float, float]:
-    """Write the sounds; the strongest line of the small pluck's, and the exact one."""
+def _sounds(folder: Path, recording: soft.Recording, motion: hard.HardPluck) -> tuple[float, float, int]:
+    """Write the sounds; the strongest line of the small pluck's, the exact one, and the segments of that string."""
     n, signal, rate = soft.SEGMENTS, recording.sums[recording.played :, 0], recording.rate
     if len(signal) < 2.0 * rate:
         n, signal, rate = soft.coarse_sound(2.02)
@@ -104,7 +105,7 @@ def _sounds(folder: Path, recording: soft.Recording, motion: hard.HardPluck) -> 
     if length >= 0.1:
         sound.write_wav(folder / "hard_pluck.wav", motion.mean[after], 1 / hard.RATE * unit.second, seconds=length)
     exact = strings.beats(strings.discrete_law(np.array([1.0]), n), strings.DAMPING)
-    return sound.strongest_line(file), float(exact.frequencies[0])
+    return sound.strongest_line(file), float(exact.frequencies[0]), n
 
 
 def _tables(folder: Path, found: soft.Harmonics, motion: hard.HardPluck) -> None:

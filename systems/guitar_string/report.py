@@ -98,7 +98,7 @@ def checks(
             _apart(softness),
             1e-9,
         ),
-        Check("strongest line of guitar_string.wav in Hz", "exact", heard, pitch, abs(heard / pitch - 1), 1e-4, "Hz"),
+        Check("strongest line of guitar_string.wav", "exact", heard, pitch, abs(heard / pitch - 1), 1e-4, "Hz"),
         Check(
             "12 N: energy + loss to damping - work, over the work (J)",
             "exact",

@@ -27,13 +27,16 @@ _EVERY = 25
 
 @dataclass(frozen=True)
 class Steadiness:
-    """Energy of strings of so many segments after the small pluck, in both forms of bending, and after the hard one."""
+    """Energy of strings of so many segments after the small pluck, in both forms of bending, and after the hard one; the string by
+    arctangent.
+    """
 
     segments: int
     small: Drift
     default: Drift
     hard: Drift
     bend: float
+    model: of.Model
 
 
 def plucked(
@@ -45,8 +48,8 @@ def plucked(
     softer: float = strings.SOFTER,
     heavy: dict[int, float] | None = None,
     fraction: float = 0.1,
-) -> tuple[Drift, float]:
-    """The energy of an undamped string's motion over `length` steps after plucks, and its largest bend in rad at the end.
+) -> tuple[Drift, float, of.Model]:
+    """The energy of an undamped string's motion over `length` steps after plucks, its largest bend in rad at the end, and it.
 
     The energy is above that of the string at rest under tension, `heavy` beads are those of `strings.string`, and
     `fraction` is the time step over the stability limit.
@@ -61,17 +64,17 @@ def plucked(
     context.setParameter("pluck", 0.0)
     kept = conservation.drift(context, length, resting=resting, every=_EVERY)
     x = np.asarray(context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer))
-    return kept, float(bending_angles(x[chain_indices(len(x), 3)]).max())
+    return kept, float(bending_angles(x[chain_indices(len(x), 3)]).max()), model
 
 
 def steadiness(segments: int, length: int) -> Steadiness:
     """All of it; the plucked bead lies at the same part of the length as that of the string of 201 segments."""
     bead = round(soft.BEADS[0] * segments / soft.SEGMENTS)
     gentle, violent = [Pluck(bead, soft.FORCES[0])], [Pluck(bead, hard.FORCE)]
-    small, bend = plucked(gentle, segments, length, form="arctangent")
-    default, _ = plucked(gentle, segments, length)
-    loud, _ = plucked(violent, segments, length, softer=1.0)
-    return Steadiness(segments, small, default, loud, bend)
+    small, bend, model = plucked(gentle, segments, length, form="arctangent")
+    default, *_ = plucked(gentle, segments, length)
+    loud, *_ = plucked(violent, segments, length, softer=1.0)
+    return Steadiness(segments, small, default, loud, bend, model)
 
 
 def checks(found: Steadiness) -> list[Check]:

@@ -203,7 +203,9 @@ def swing(
     context = stage.context(model, of.verlet(model, timestep=timestep * unit.second), "Reference")
     motion = of.record(model, context, samples, every, energies=True)
     energies = {name: values / stage.JOULE for name, values in motion.energies.items()}
-    pulled = energies.pop("pull")
+    del energies["pull"]
     energies["internal"] = np.sum([energies[part] for part in PARTS], axis=0)
-    energies["work"] = pulled[0] - pulled
-    return Swing(model, stage.seconds(motion), stage.metres(motion.values), energies, timestep)
+    positions = stage.metres(motion.values)
+    opening = positions[:, 0] - positions[:, -1]
+    energies["work"] = (opening - opening[0]) @ vector
+    return Swing(model, stage.seconds(motion), positions, energies, timestep)

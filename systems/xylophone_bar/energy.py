@@ -26,7 +26,9 @@ RISES = (0.03, 3.0)
 
 @dataclass(frozen=True)
 class Steadiness:
-    """Energy of a free bar after a gentle blow in both forms of bending, and after a hard one; bends at the end in rad."""
+    """Energy of a free bar after a gentle blow in both forms of bending, and after a hard one; bends at the end in rad; the bar
+    by arctangent.
+    """
 
     segments: int
     gentle: Drift
@@ -34,12 +36,13 @@ class Steadiness:
     hard: Drift
     bend: float
     hard_bend: float
+    model: of.Model
 
 
 def kept(
     segments: int, length: int, rise: float, form: Literal["arccosine", "arctangent"], *, fraction: float = 0.1
-) -> tuple[Drift, float]:
-    """The energy of an undamped free bar over `length` steps after a blow, and its largest bend in rad at the end.
+) -> tuple[Drift, float, of.Model]:
+    """The energy of an undamped free bar over `length` steps after a blow, its largest bend in rad at the end, and the bar.
 
     `fraction` is the time step over the stability limit.
     """
@@ -49,15 +52,15 @@ def kept(
     bar.set_velocities(context, model, bar.strike(model, 0.24, rise=rise, width=0.2))
     found = conservation.drift(context, length, resting=resting, every=_EVERY)
     x = np.asarray(context.getState(positions=True).getPositions(asNumpy=True).value_in_unit(unit.nanometer))
-    return found, float(bending_angles(x[chain_indices(len(x), 3)]).max())
+    return found, float(bending_angles(x[chain_indices(len(x), 3)]).max()), model
 
 
 def steadiness(segments: int, length: int) -> Steadiness:
     """All of it."""
-    gentle, bend = kept(segments, length, RISES[0], "arctangent")
-    default, _ = kept(segments, length, RISES[0], "arccosine")
-    hard, hard_bend = kept(segments, length, RISES[1], "arctangent")
-    return Steadiness(segments, gentle, default, hard, bend, hard_bend)
+    gentle, bend, model = kept(segments, length, RISES[0], "arctangent")
+    default, *_ = kept(segments, length, RISES[0], "arccosine")
+    hard, hard_bend, _ = kept(segments, length, RISES[1], "arctangent")
+    return Steadiness(segments, gentle, default, hard, bend, hard_bend, model)
 
 
 def check(found: Steadiness) -> Check:
