@@ -107,7 +107,7 @@ def _draw_curves(ax: Axes, sampled: Sequence[Sampled], levels: Sequence[warm.Lev
 
     zero = levels[0]
     ax.plot(zero.force, zero.extension, "k-", lw=1.8)
-    fine = np.geomspace(1e-3, 10, 25)
+    fine = np.geomspace(1e-3, 10, 21)
     for heat in warm.HEATS:
         scale = warm.at_ease(heat)
         drawn = chain.Reduced(heat, warm.SOFTER * scale).exact(fine * scale) / (1 + fine / warm.SOFTER)
@@ -149,7 +149,7 @@ def _draw_shortening(ax: Axes, curves: Sequence[cold.Curve]) -> None:
     )
     at, taken = np.array([point for point in cold_points if 3e-3 < point[0] < 100]).T
     ax.plot(at, 1 - taken / (1 + at / chain.STIFFNESS_RATIO), "k-", lw=1.8, label="cold: static equilibrium")
-    f = np.geomspace(3e-3, 100, 25)
+    f = np.geomspace(3e-3, 100, 19)
     for heat in (0.1, 1.0):
         for bent, style in ((True, "-"), (False, "--")):
             short = 1 - chain.Reduced(heat, bent=bent).exact(f) / (1 + f / chain.STIFFNESS_RATIO)

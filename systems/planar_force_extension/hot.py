@@ -35,7 +35,7 @@ REPLICAS = 16
 _STRIDE, _MOVES = 15, 50
 """Steps of dynamics, and then moves tried on every chain, between samples."""
 
-_WARM_UP = 25
+_WARM_UP = 20
 """Samples left out at the start."""
 
 LENGTH = chain.STEP * chain.SCALE * 1e9
@@ -84,13 +84,13 @@ def started(jobs: Sequence[Job]) -> Iterator[Callable[[Callable[[float], None]],
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     with ProcessPoolExecutor(min(cores, len(jobs)), mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(sample, job) for job in jobs]
+        futures = [pool.submit(_run, job) for job in jobs]
 
         def finished(progress: Callable[[float], None]) -> list[Sampled]:
             out = []
-            for done, future in enumerate(futures, 1):
-                out.append(future.result())
-                progress(done / len(jobs))
+            for job, future in zip(jobs, futures, strict=True):
+                out.append(_estimated(job, *future.result()))
+                progress(len(out) / len(jobs))
             return out
 
         try:
@@ -101,6 +101,11 @@ def started(jobs: Sequence[Job]) -> Iterator[Callable[[Callable[[float], None]],
 
 def sample(job: Job) -> Sampled:
     """Run one job in this process."""
+    return _estimated(job, *_run(job))
+
+
+def _run(job: Job) -> tuple[Array, Array, Array]:
+    """Extensions (R, samples) over contour, and the last two attributes of `Sampled`."""
     filament = chain.scaled_filament(job.heat, job.ratio)
     pull = job.force * chain.KT / job.heat / LENGTH * PN  # kJ/mol/nm
     model = clamped_model(filament, pull, 2, REPLICAS)
@@ -140,7 +145,7 @@ def sample(job: Job) -> Sampled:
         if i >= 0:
             extensions[:, i] = x[:, -1, 0] - x[:, 0, 0]
             frames[i] = x[0] * scale
-    return _estimated(job, extensions * (scale / (chain.SEGMENTS * LENGTH)), turned, frames)
+    return extensions * (scale / (chain.SEGMENTS * LENGTH)), turned, frames
 
 
 def _estimated(job: Job, extensions: Array, turned: Array, frames: Array) -> Sampled:

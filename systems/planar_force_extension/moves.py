@@ -27,8 +27,8 @@ _SOFTEST = 0.3
 
 
 def wrapped(angles: Array) -> Array:
-    """Angles in [-pi, pi)."""
-    return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
+    """Angles in [-pi, pi]."""
+    return np.asarray(angles - 2 * np.pi * np.rint(angles / (2 * np.pi)))
 
 
 class Moves:
@@ -49,26 +49,31 @@ class Moves:
         self._heat, self._pull, self._rng = heat, force / heat, rng
         self._sizes, self._sides = np.abs(chain.BENDS), np.asarray(sides, dtype=float)
         self._held, self._free = np.flatnonzero(self._sides), np.flatnonzero(self._sides == 0)
-        turn = np.diff(np.eye(len(self._sides) + 1), axis=0)
+        self._segments = np.arange(len(self._sides) + 1)
+        turn = np.diff(np.eye(len(self._segments)), axis=0)
         self._kinks = _kinks(turn, force)
         self._width = 1 / np.sqrt(1 / heat + self._pull)
-        stiffness = turn.T @ turn / heat + max(self._pull, _SOFTEST) * np.eye(len(turn) + 1)
+        stiffness = turn.T @ turn / heat + max(self._pull, _SOFTEST) * np.eye(len(self._segments))
         self._shake = 2 / np.sqrt(len(stiffness)) * linalg.cholesky(linalg.inv(stiffness))
-        barred = self._kink if len(self._free) and heat < 1 else self._part_turned
+        few = 2 * len(self._free) < len(self._sides)
+        kink = self._kink if len(self._free) else self._part_turned
+        turns = self._part_turned if few or heat >= 1 else kink
+        last = kink if few else self._tail_mirrored
         self.kinds: tuple[Callable[[Array], Array], ...] = (
-            barred, self._shaken, barred, self._part_turned, barred, self._shaken, barred, self._tail_mirrored,
+            turns, self._shaken, turns, self._part_turned, turns, self._shaken, turns, last,
         )  # fmt: skip
         """The moves in the order in which they are tried."""
 
     def __call__(self, h: Array, s: Array, count: int) -> Array:
         """The headings after `count` tried moves of every chain."""
+        thresholds = np.log(self._rng.random((count, len(h))))
         for i in range(count):
             if i % _TURNS_EVERY == 0:
                 h = self.turned(h, s)
                 weight = self.log_weight(h, s)
             tried = self.kinds[i % len(self.kinds)](h)
             new = self.log_weight(tried, s)
-            taken = np.log(self._rng.random(len(h))) < new - weight
+            taken = thresholds[i] < new - weight
             h = np.where(taken[:, None], tried, h)
             weight = np.where(taken, new, weight)
         return h
@@ -90,27 +95,28 @@ class Moves:
 
     def _kink(self, h: Array) -> Array:
         """A free joint turned over the shorter way, the headings about it following as on a nearly straight chain."""
-        rows, a = np.arange(len(h)), self._rng.choice(self._free, len(h))
+        rows, a = np.arange(len(h)), self._free[self._rng.integers(0, len(self._free), len(h))]
         angle = wrapped(-2 * (h[rows, a + 1] - h[rows, a]))
         return np.asarray(h + angle[:, None] * self._kinks[a])
 
     def _tail_mirrored(self, h: Array) -> Array:
         """All beyond a segment mirrored in its line: bends keep their sizes."""
         a = self._rng.integers(0, h.shape[1] - 1, (len(h), 1))
-        return np.where(np.arange(h.shape[1]) > a, 2 * np.take_along_axis(h, a, 1) - h, h)
+        return np.where(self._segments > a, 2 * np.take_along_axis(h, a, 1) - h, h)
 
     def _part_turned(self, h: Array) -> Array:
         """Some segments in a row, of all scales, turned by an angle of the size of its fluctuations."""
         n = h.shape[1]
-        length = np.ceil(n ** self._rng.random((len(h), 1)))
-        first = np.floor(self._rng.random((len(h), 1)) * (n - length + 1))
-        inside = (np.arange(n) >= first) & (np.arange(n) < first + length)
-        angle = self._rng.normal(0.0, self._width * self._rng.choice([0.5, 1.5], (len(h), 1)))
-        return np.where(inside, h + angle, h)
+        scale, place, size = self._rng.random((3, len(h), 1))
+        length = np.ceil(n**scale)
+        first = np.floor(place * (n - length + 1))
+        inside = (self._segments >= first) & (self._segments < first + length)
+        angle = self._width * (0.5 + (size < 0.5)) * self._rng.standard_normal((len(h), 1))
+        return np.asarray(h + inside * angle)
 
     def _shaken(self, h: Array) -> Array:
         """All headings changed by a part of their fluctuations on a nearly straight chain."""
-        return np.asarray(h + self._rng.normal(size=h.shape) @ self._shake)
+        return np.asarray(h + self._rng.standard_normal(h.shape) @ self._shake)
 
 
 def _kinks(turn: Array, force: float) -> Array:

@@ -196,7 +196,7 @@ def findings(
     best = min(bent, key=lambda level: level.fits[MARKO_SIGGIA].rms)
     hottest, frozen, straight = bent[-1], _near(levels, "frozen", best.heat), _near(levels, "straight", best.heat)
     free = [s for s in sampled if warm.kind(s.job) == "free" and compared(s)]
-    frozen = [s for s in sampled if warm.kind(s.job) == "frozen" and compared(s)]
+    held = [s for s in sampled if warm.kind(s.job) == "frozen" and compared(s)]
     left_out = [s for s in sampled if not compared(s)]
     ends = [c.points[-1].extension / chain.CONTOUR for c in curves]
     stiff, soft = fitted[curves[-1].young], fitted[curves[0].young]
@@ -224,10 +224,10 @@ def findings(
         f"{back[-1].extension / chain.CONTOUR:.3f} L apart, not {span[0].extension / chain.CONTOUR:.3f}.",
         f"Joints are free in {len(free)} of the points that are compared, at k_BT/alpha = "
         f"{', '.join(f'{x:g}' for x in sorted({s.job.heat for s in free}))} (up to F l0/alpha = "
-        f"{max((s.job.force for s in free if s.job.heat == warm.FROZEN), default=0):g} at {warm.FROZEN:g}), and frozen on the sides "
-        f"that they have in the cold chain in {len(frozen)}, at {warm.FROZEN:g}, but for "
-        f"{' and '.join(str(s.job.sides.count(0)) for s in frozen)} of {len(chain.BENDS)} that noise turns over; the largest "
-        f"R-hat is {max(s.r_hat for s in (*free, *frozen)):.2f}, "
+        f"{max((s.job.force for s in free if s.job.heat == warm.FROZEN), default=0):g} at {warm.FROZEN:g}), and frozen on the "
+        f"sides that they have in the cold chain in {len(held)}, at {warm.FROZEN:g}, but for "
+        f"{' and '.join(str(s.job.sides.count(0)) for s in held)} of {len(chain.BENDS)} that noise turns over; the largest "
+        f"R-hat is {max(s.r_hat for s in (*free, *held)):.2f}, "
         + (
             "no point is left out."
             if not left_out
