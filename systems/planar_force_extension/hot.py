@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 REPLICAS = 16
 
-_STRIDE, _MOVES = 15, 50
+_STRIDE, _MOVES = 10, 50
 """Steps of dynamics, and then moves tried on every chain, between samples."""
 
 _WARM_UP = 20

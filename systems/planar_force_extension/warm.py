@@ -53,7 +53,7 @@ CLEAR = 5.0
 
 def jobs(*, seed: int, quick: bool) -> list[Job]:
     """What is run: free joints at every temperature, and frozen ones on the shapes of the cold chain."""
-    samples, each = (65, slice(0, None, 2)) if quick else (400, slice(None))
+    samples, each = (60, slice(0, None, 2)) if quick else (300, slice(None))
     seeds = iter((np.random.SeedSequence(seed).generate_state(64) % (2**31 - 2) + 1).tolist())
     out = [
         Job(heat, SOFTER * at_ease(heat), force * at_ease(heat), samples, next(seeds))
