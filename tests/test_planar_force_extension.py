@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from openmm import unit
 
 import openmm_filament as of
 from openmm_filament.discretisation import PN
@@ -72,11 +73,11 @@ def test_moves_weigh_chains_as_openmm_does() -> None:
     s = np.ones((1, chain.SEGMENTS))
     weights, energies = [], []
     for h in rng.uniform(-np.pi, np.pi, (5, 1, chain.SEGMENTS)):
-        ends = np.cumsum(s * np.exp(1j * h)) * hot.LENGTH / model.scale.length
+        ends = np.cumsum(s * np.exp(1j * h)) * hot.LENGTH
         x = np.zeros((chain.SEGMENTS + 1, 3))
         x[1:, 0], x[1:, 1] = ends.real, ends.imag
         weights.append(float(moves.log_weight(h, s)[0]))
-        energies.append(sum(of.energies(model, x).values()) * model.scale.factor("energy"))
+        energies.append(sum(of.energies(model, x * unit.nanometer).values()))
     kT = chain.KT * PN
     assert_allclose(np.diff(weights), -np.diff(energies) / kT, rtol=1e-6)
 

@@ -104,9 +104,10 @@ def hot_checks(sampled: Sequence[Sampled]) -> list[Check]:
             "error in standard errors"
         )
         checks.append(_exact(name, s.extension, exact, Z_LIMIT, float(abs(z[i]))))
-    mean = float((z**2).mean()) if held else 0.0
-    limit = float(stats.chi2.ppf(1 - CHANCE, max(len(z), 1)) / max(len(z), 1))
-    checks.append(_exact("mean square deviation of all sampled points in standard errors", mean, 1.0, limit, mean))
+    if held:
+        mean = float((z**2).mean())
+        limit = float(stats.chi2.ppf(1 - CHANCE, len(z)) / len(z))
+        checks.append(_exact("mean square deviation of all sampled points in standard errors", mean, 1.0, limit, mean))
     heats = {(s.job.heat, warm.kind(s.job)) for s in sampled}
     checks.append(
         _exact(

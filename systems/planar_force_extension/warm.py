@@ -53,12 +53,12 @@ CLEAR = 5.0
 
 def jobs(*, seed: int, quick: bool) -> list[Job]:
     """What is run: free joints at every temperature, and frozen ones on the shapes of the cold chain."""
-    samples, each = (60, slice(0, None, 2)) if quick else (300, slice(None))
+    samples, every = (60, 2) if quick else (300, 1)
     seeds = iter((np.random.SeedSequence(seed).generate_state(64) % (2**31 - 2) + 1).tolist())
     out = [
         Job(heat, SOFTER * at_ease(heat), force * at_ease(heat), samples, next(seeds))
         for heat in HEATS
-        for force in _FREE_FORCES.get(heat, _OTHER_FORCES)[each]
+        for force in _FREE_FORCES.get(heat, _OTHER_FORCES)[::every]
     ]
     pulls = _FROZEN_FORCES[1::2] if quick else _FROZEN_FORCES
     for force, shape in zip(pulls, cold.shapes_at(pulls), strict=True):
