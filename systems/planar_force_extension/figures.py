@@ -110,8 +110,9 @@ def _draw_curves(ax: Axes, sampled: Sequence[Sampled], levels: Sequence[warm.Lev
     fine = np.geomspace(1e-3, 10, 21)
     for heat in warm.HEATS:
         scale = warm.at_ease(heat)
-        drawn = chain.Reduced(heat, warm.SOFTER * scale).exact(fine * scale) / (1 + fine / warm.SOFTER)
-        ax.plot(fine, drawn, "-", lw=1.3, color=_colour(heat))
+        at = fine[fine < warm.LOST] if heat == warm.FROZEN else fine
+        drawn = chain.Reduced(heat, warm.SOFTER * scale).exact(at * scale) / (1 + at / warm.SOFTER)
+        ax.plot(at, drawn, "-", lw=1.3, color=_colour(heat))
     frozen = [s for s in sampled if warm.kind(s.job) == "frozen"]
     ax.plot(
         [s.job.force for s in frozen], [warm.exact(s.job) / warm.stretch(s.job) for s in frozen], "--", lw=1.3,

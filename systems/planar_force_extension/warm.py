@@ -17,6 +17,7 @@ from systems.planar_force_extension.hot import LENGTH, Job
 __all__ = [
     "FROZEN",
     "HEATS",
+    "LOST",
     "SOFTER",
     "Level",
     "at_ease",
@@ -46,6 +47,9 @@ _OTHER_FORCES = (0.1, 0.3, 1.0, 2.0)
 
 FROZEN, _FROZEN_FORCES = 1e-3, (0.01, 0.02, 0.05, 0.3)
 """The temperature at which joints are also run frozen on their sides, as in the cold chain, and the forces there."""
+
+LOST = 0.3
+"""Force in alpha/l0 at that temperature, joints free, above which the exact sums are wrong for weights that underflow."""
 
 CLEAR = 5.0
 """Standard deviations of a bend by which it must be clear of zero and of pi in the cold chain to count as frozen."""
