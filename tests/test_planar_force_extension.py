@@ -10,10 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from openmm import unit
 
 import openmm_filament as of
+from openmm_filament.discretisation import PN
 from systems import __main__ as command
 from systems.planar_force_extension import chain, cold, fits, hot, report, warm
+from systems.planar_force_extension.moves import Moves, wrapped
 
 
 @pytest.fixture(scope="module")
@@ -62,41 +65,71 @@ def test_letting_go_leaves_joints_turned_over(curves: list[cold.Curve]) -> None:
     assert back[-1].extension > curves[1].points[0].extension + 0.05 * chain.CONTOUR
 
 
-def test_mirror_moves_keep_what_they_must() -> None:
+def test_moves_weigh_chains_as_openmm_does() -> None:
+    heat, force, ratio = 0.2, 0.7, 100.0
     rng = np.random.default_rng(4)
-    x = np.repeat(chain.REST[None] / chain.STEP, 40, axis=0)
-    v = rng.normal(size=x.shape) * (1, 1, 0)
-    lengths, speeds = np.linalg.norm(np.diff(x, axis=1), axis=-1), (v**2).sum(axis=-1)
-    moved, after = x, v
-    for _ in range(60):
-        moved, after = hot.mirrored(moved, after, 0.5, 1.0, rng)
-    assert (moved != x).any(axis=(1, 2)).all()
-    assert_allclose(np.linalg.norm(np.diff(moved, axis=1), axis=-1), lengths, rtol=1e-12)
-    assert_allclose((after**2).sum(axis=-1), speeds, rtol=1e-12)
-    assert not moved[..., 2].any()
-    assert_allclose(moved[:, 0], x[:, 0])
+    model = warm.model(hot.Job(heat, ratio, force, 1, 1))
+    moves = Moves(heat, force, chain.FREE, rng)
+    s = np.ones((1, chain.SEGMENTS))
+    weights, energies = [], []
+    for h in rng.uniform(-np.pi, np.pi, (5, 1, chain.SEGMENTS)):
+        ends = np.cumsum(s * np.exp(1j * h)) * hot.LENGTH
+        x = np.zeros((chain.SEGMENTS + 1, 3))
+        x[1:, 0], x[1:, 1] = ends.real, ends.imag
+        weights.append(float(moves.log_weight(h, s)[0]))
+        energies.append(sum(of.energies(model, x * unit.nanometer).values()))
+    kT = chain.KT * PN
+    assert_allclose(np.diff(weights), -np.diff(energies) / kT, rtol=1e-6)
 
 
-def test_mirror_moves_alone_weigh_the_two_sides_of_a_joint_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    # three bonds: shapes with the first bond and the sizes of the bends as they were weigh as the force does work
-    bends, pull, heat = np.array([0.9, 0.5]), 0.7, 0.2
-    monkeypatch.setattr(chain, "BENDS", bends)
-    rng = np.random.default_rng(2)
-    heading = np.concatenate([[0.3], 0.3 + np.cumsum(bends)])
-    shape = np.concatenate([[[0, 0, 0]], np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0 * heading], -1), 0)])
-    x = np.repeat(shape[None], 4000, axis=0)
-    v = np.zeros_like(x)
-    for _ in range(40):
-        x, v = hot.mirrored(x, v, pull, heat, rng)
-    same = np.abs(np.abs(chain.signed_bends(x)) - bends).max(axis=1) < 1e-9
-    same &= np.abs(x[:, 1] - shape[1]).max(axis=1) < 1e-9
-    ends, counts = np.unique(x[same, -1, 0].round(6), return_counts=True)
-    assert len(ends) == 4
-    assert_allclose(np.log(counts / counts[0]), pull * (ends - ends[0]), atol=4 * np.sqrt(2 / counts.min()))
+def test_turning_a_joint_over_keeps_its_size_and_undoes_itself() -> None:
+    moves = Moves(0.01, 0.3, tuple(float(i != 7) for i in range(29)), np.random.default_rng(1))
+    h = np.random.default_rng(2).uniform(-np.pi, np.pi, (6, 30))
+    kink = moves.kinds[-1]  # a single free joint: the last kind turns it over
+    once = kink(h)
+    before, after = (wrapped(np.diff(headings, axis=1)) for headings in (h, once))
+    assert_allclose(after[:, 7], -before[:, 7], atol=1e-12)
+    assert_allclose(wrapped(kink(once) - h), 0.0, atol=1e-12)
+
+
+def test_moves_alone_reach_the_exact_chain_of_rigid_bonds() -> None:
+    heat, force, rng = 0.1, 0.3, np.random.default_rng(3)
+    s = np.ones((128, chain.SEGMENTS))
+    h = np.cumsum(np.concatenate([np.zeros((128, 1)), np.tile(chain.BENDS, (128, 1))], axis=1), axis=1)
+    moves = Moves(heat, force, chain.FREE, rng)
+    h = moves(h, s, 600)
+    means = []
+    for _ in range(30):
+        h = moves(h, s, 50)
+        means.append((s * np.cos(h)).mean(axis=1))
+    each = np.mean(means, axis=0)
+    exact = of.wlc.extension_discrete(
+        force, segments=30, bond_length=1.0, bending=1.0, kT=heat, rest_angles=np.abs(chain.BENDS), dimension=2
+    )
+    assert abs(each.mean() - exact / 30) < 4 * each.std() / np.sqrt(len(each))
+
+
+def test_moves_never_turn_held_joints() -> None:
+    rng = np.random.default_rng(5)
+    sides = tuple((np.sign(chain.BENDS) * (np.abs(chain.BENDS) > 0.4)).tolist())
+    h = np.cumsum(np.concatenate([np.zeros((8, 1)), np.tile(chain.BENDS, (8, 1))], axis=1), axis=1)
+    after = Moves(0.5, 0.1, sides, rng)(h, np.ones((8, 30)), 400)
+    held, signs = np.array(sides) != 0, np.sign(wrapped(np.diff(after, axis=1)))
+    assert (signs[:, held] == np.sign(chain.BENDS)[held]).all()
+    assert (signs[:, ~held] != np.sign(chain.BENDS)[~held]).any()
+
+
+def test_cold_joints_near_zero_or_pi_are_not_frozen() -> None:
+    shape = cold.shapes_at((0.01,))[0]
+    sides = np.array(warm.sides(shape, 1e-3))
+    bends = chain.signed_bends(shape)
+    assert 0 < (sides == 0).sum() < 5
+    assert np.abs(bends[sides == 0]).max() < warm.CLEAR * np.sqrt(1e-3)
+    assert (np.array(warm.sides(shape, 1e-2)) == 0).sum() > (sides == 0).sum()
 
 
 def test_a_short_run_agrees_with_the_exact_chain_and_not_with_a_wrong_one() -> None:
-    job = hot.Job(0.1, 100.0, 3.0, 6e5, 5)
+    job = hot.Job(0.1, 100.0, 3.0, 60, 5)
     found = hot.sample(job)
     exact = warm.exact(job)
     assert abs(found.extension - exact) < 4 * found.error
@@ -106,15 +139,18 @@ def test_a_short_run_agrees_with_the_exact_chain_and_not_with_a_wrong_one() -> N
 
 def test_sampled_points_that_are_off_fail_the_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report, "_zero_temperature", list)  # tested by the quick run: it takes a second
-    job = hot.Job(1.0, 100.0, 1.0, 1e6, 5)
+    job = hot.Job(1.0, 100.0, 1.0, 100, 5)
     exact = warm.exact(job)
 
-    def checks(extension: float) -> dict[str, bool]:
-        sampled = hot.Sampled(job, extension, 0.001, 100.0, 1.0, np.zeros(29))
+    def checks(extension: float, r_hat: float = 1.0) -> dict[str, bool]:
+        sampled = hot.Sampled(job, extension, 0.001, 100.0, r_hat, np.zeros(29), np.zeros((1, 31, 3)))
         return {check.name: check.passed for check in report.hot_checks([sampled])}
 
     assert all(checks(exact + 0.001).values())
     assert sum(not passed for passed in checks(exact * 1.01).values()) == 2
+    left_out = checks(exact * 1.01, 1.2)
+    assert len(left_out) == len(checks(exact)) - 2
+    assert sum(not passed for passed in left_out.values()) == 1  # its temperature has no point left
 
 
 def test_each_form_is_fitted_back_to_itself() -> None:
@@ -144,7 +180,7 @@ def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
     names = {path.name for path in folder.iterdir()}
     tables = {"force_extension.csv", "thermal_force_extension.csv", "fits.csv", "misfit.csv"}
     figures = {"force_extension.png", "thermal_force_extension.png"}
-    assert {"summary.json", "topology.pdb", "trajectory.dcd", *tables, *figures} <= names
+    assert {"summary.json", "topology.pdb", "trajectory.dcd", "thermal_trajectory.dcd", *tables, *figures} <= names
     assert ("still.png" in names) == of.rendering.available()
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["terms"] == ["CustomAngleForce", "CustomBondForce", "CustomExternalForce"]

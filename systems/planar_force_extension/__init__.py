@@ -22,6 +22,9 @@ __all__ = ["options", "run"]
 
 FEWEST = 9
 
+SHOWN = 0.1
+"""`k_B T/alpha` of the thermal shapes that are kept."""
+
 
 def options(parser: argparse._ArgumentGroup) -> None:
     """Add the system's own command-line options."""
@@ -37,19 +40,22 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
             f"Argument `--points` must be 9, 13, 17, ... so that forces are alike in every decade, but is {count}."
         )
     forces = np.geomspace(1e-4, 1.0, count)
-    with stage.progress("equilibria") as show:
-        parts = len(chain.YOUNG) + 1
-        curves = [cold.pulled(e, forces, _part(show, i, parts)) for i, e in enumerate(chain.YOUNG)]
-        back = cold.let_go(curves[-1])
-    with stage.progress("thermal motion") as show:
-        sampled = hot.run(warm.jobs(seed=seed, quick=quick), show)
-    levels = warm.levels(quick=quick)
+    with hot.started(warm.jobs(seed=seed, quick=quick)) as thermal:
+        with stage.progress("equilibria") as show:
+            parts = len(chain.YOUNG) + 1
+            curves = [cold.pulled(e, forces, _part(show, i, parts)) for i, e in enumerate(chain.YOUNG)]
+            back = cold.let_go(curves[-1])
+            levels = warm.levels(quick=quick)
+        with stage.progress("thermal motion") as show:
+            sampled = thermal(show)
     fitted = tables.fits_of(curves)
     tables.write_cold(folder / "force_extension.csv", curves)
     tables.write_fits(folder / "fits.csv", fitted)
     tables.write_hot(folder / "thermal_force_extension.csv", sampled)
     tables.write_levels(folder / "misfit.csv", levels)
     tables.write_trajectory(folder / "trajectory.dcd", curves[-1])
+    shown = next(s for s in sampled if s.job.heat == SHOWN)
+    tables.write_thermal(folder / "thermal_trajectory.dcd", shown)
     figures.cold_curves(folder / "force_extension.png", curves, fitted, back)
     figures.answer(folder / "thermal_force_extension.png", curves, sampled, levels)
     findings = [*report.findings(curves, back, fitted, sampled, levels), *figures.pictures(folder, curves[-1])]
@@ -57,7 +63,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         folder,
         Summary(
             system="planar_force_extension",
-            models=[*(curve.model for curve in curves), warm.model()],
+            models=[*(curve.model for curve in curves), warm.model(shown.job)],
             platform="none (statics) and Reference (thermal motion)",
             wall_seconds=time.perf_counter() - begun,
             filament={

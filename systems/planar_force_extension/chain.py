@@ -20,6 +20,8 @@ from openmm_filament.discretisation import PN
 __all__ = [
     "BENDS",
     "CONTOUR",
+    "FREE",
+    "FROZEN",
     "KT",
     "RADIUS",
     "REST",
@@ -81,6 +83,9 @@ REST = _rest()
 BENDS = signed_bends(REST)
 """Signed rest angles of the 29 joints in rad."""
 
+FREE, FROZEN = (0.0,) * len(BENDS), tuple(np.sign(BENDS).tolist())
+"""Sides of joints that bend either way, and of joints that stay as they are at rest; see `Reduced`."""
+
 STIFFNESS_RATIO = 4 * (STEP / RADIUS) ** 2
 
 
@@ -113,39 +118,40 @@ class Reduced:
         `k l0^2/alpha`.
     bent : bool
         Whether it has the bends of the wire, or is straight at rest.
-    flip : bool or (29,) array of bool
-        Which joints bend either way.
+    sides : 29 floats
+        0 for joints that bend either way, +1 or -1 for those that stay on that side.
     """
 
     heat: float
     ratio: float = STIFFNESS_RATIO
     bent: bool = True
-    flip: bool | tuple[bool, ...] = True
+    sides: tuple[float, ...] = FREE
 
     def exact(self, forces: Array) -> Array:
         """Mean extensions over the contour at forces in alpha/l0; NaN where the exact sums are lost to underflow."""
-        bends = BENDS if self.bent else np.zeros_like(BENDS)
-        free = np.broadcast_to(np.asarray(self.flip, dtype=bool), bends.shape)
-        out = np.full(np.shape(forces), math.nan)
-        for i, force in enumerate(forces):
-            try:
-                length = wlc.extension_discrete(
-                    force,
-                    segments=SEGMENTS,
-                    bond_length=1.0,
-                    bending=1.0,
-                    kT=self.heat,
-                    stretching=self.ratio,
-                    rest_angles=np.where(free, np.abs(bends), bends),
-                    flip=free,
-                    dimension=2,
-                )
-            except ValueError as error:
-                if "underflow" not in str(error):
-                    raise
-                continue
-            out[i] = float(length) / SEGMENTS
-        return out
+        try:
+            return self._extensions(forces)
+        except ValueError as error:
+            if "underflow" not in str(error):
+                raise
+            if len(forces) == 1:
+                return np.array([math.nan])
+        return np.concatenate([self.exact(part) for part in np.array_split(forces, 2)])
+
+    def _extensions(self, forces: Array) -> Array:
+        sizes, sides = np.abs(BENDS) if self.bent else np.zeros_like(BENDS), np.asarray(self.sides)
+        lengths = wlc.extension_discrete(
+            forces,
+            segments=SEGMENTS,
+            bond_length=1.0,
+            bending=1.0,
+            kT=self.heat,
+            stretching=self.ratio,
+            rest_angles=np.where(sides == 0, sizes, sides * sizes),
+            flip=sides == 0,
+            dimension=2,
+        )
+        return np.asarray(lengths) / SEGMENTS
 
 
 def scaled_filament(heat: float, ratio: float) -> of.Filament:

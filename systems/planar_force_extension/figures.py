@@ -13,7 +13,7 @@ import openmm_filament as of
 from systems import stage
 from systems.planar_force_extension import chain, cold, fits, warm
 from systems.planar_force_extension.hot import Sampled
-from systems.planar_force_extension.report import EXACT, MARKO_SIGGIA
+from systems.planar_force_extension.report import EXACT, MARKO_SIGGIA, compared
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,17 +107,23 @@ def _draw_curves(ax: Axes, sampled: Sequence[Sampled], levels: Sequence[warm.Lev
 
     zero = levels[0]
     ax.plot(zero.force, zero.extension, "k-", lw=1.8)
-    fine = np.geomspace(1e-3, 10, 33)
-    for heat in (warm.STUCK, *warm.FREE):
+    fine = np.geomspace(1e-3, 10, 21)
+    for heat in warm.HEATS:
         scale = warm.at_ease(heat)
-        drawn = chain.Reduced(heat, warm.SOFTER * scale).exact(fine * scale) / (1 + fine / warm.SOFTER)
-        ax.plot(fine, drawn, "-", lw=1.3, color=_colour(heat))
-    marks = {"free": "o", "frozen": "s", "stuck": "x"}
+        at = fine[fine < warm.LOST] if heat == warm.FROZEN else fine
+        drawn = chain.Reduced(heat, warm.SOFTER * scale).exact(at * scale) / (1 + at / warm.SOFTER)
+        ax.plot(at, drawn, "-", lw=1.3, color=_colour(heat))
+    frozen = [s for s in sampled if warm.kind(s.job) == "frozen"]
+    ax.plot(
+        [s.job.force for s in frozen], [warm.exact(s.job) / warm.stretch(s.job) for s in frozen], "--", lw=1.3,
+        color=_colour(warm.FROZEN),
+    )  # fmt: skip
+    marks = {"free": "o", "frozen": "s"}
     for s in sampled:
         bare = warm.stretch(s.job)
         ax.errorbar(
             s.job.force / warm.at_ease(s.job.heat), s.extension / bare, 2 * s.error / bare, fmt=marks[warm.kind(s.job)],
-            ms=5, capsize=2, color=_colour(s.job.heat),
+            ms=5, capsize=2, color=_colour(s.job.heat), mfc=None if compared(s) else "none",
         )  # fmt: skip
     ax.set(
         xscale="log", ylim=(-0.03, 1.55), xlabel="force times l0, over the larger of alpha and k_BT",
@@ -125,11 +131,14 @@ def _draw_curves(ax: Axes, sampled: Sequence[Sampled], levels: Sequence[warm.Lev
         yticks=np.linspace(0, 1, 6),
     )  # fmt: skip
     lines = [Line2D([], [], color="k", lw=1.8, label="cold: static equilibrium")]
-    lines += [
-        Line2D([], [], color=_colour(heat), label=f"exact, k_BT/alpha = {heat:g}") for heat in (warm.STUCK, *warm.FREE)
-    ]
-    texts = {"free": "OpenMM, joints free", "frozen": "joints frozen, 0.001", "stuck": "stuck, 0.001 and 0.01"}
+    lines += [Line2D([], [], color=_colour(heat), label=f"exact, k_BT/alpha = {heat:g}") for heat in warm.HEATS]
+    lines.append(
+        Line2D([], [], color=_colour(warm.FROZEN), ls="--", label=f"exact, {warm.FROZEN:g}, joints frozen as cold")
+    )
+    texts = {"free": "OpenMM, joints free", "frozen": "OpenMM, joints frozen as cold"}
     lines += [Line2D([], [], color="0.3", ls="", marker=mark, label=texts[kind]) for kind, mark in marks.items()]
+    if not all(compared(s) for s in sampled):
+        lines.append(Line2D([], [], color="0.3", ls="", marker="o", mfc="none", label="R-hat too large, not compared"))
     ax.legend(
         handles=lines, fontsize=8.5, loc="upper left", ncols=2, title="bars: 2 standard errors", title_fontsize=8.5
     )
@@ -141,7 +150,7 @@ def _draw_shortening(ax: Axes, curves: Sequence[cold.Curve]) -> None:
     )
     at, taken = np.array([point for point in cold_points if 3e-3 < point[0] < 100]).T
     ax.plot(at, 1 - taken / (1 + at / chain.STIFFNESS_RATIO), "k-", lw=1.8, label="cold: static equilibrium")
-    f = np.geomspace(3e-3, 100, 25)
+    f = np.geomspace(3e-3, 100, 19)
     for heat in (0.1, 1.0):
         for bent, style in ((True, "-"), (False, "--")):
             short = 1 - chain.Reduced(heat, bent=bent).exact(f) / (1 + f / chain.STIFFNESS_RATIO)

@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 RANGES = ("low", "middle", "high")
 
 
-def _large_force(force: Array, scale: float) -> Array:
+def _large_force(force: Array, scale: float | Array) -> Array:
     return 1 - 0.25 * np.sqrt(scale / force)
 
 
-def _marko_siggia(force: Array, scale: float) -> Array:
+def _marko_siggia(force: Array, scale: float | Array) -> Array:
     return np.asarray(wlc.extension_marko_siggia(force / scale, 1.0, 1.0, 1.0))
 
 
@@ -35,14 +35,14 @@ def _tabulated() -> CubicSpline:
     return CubicSpline(logarithm, wlc.extension_exact(10**logarithm, 1.0, 1.0, 1.0, dimension=2))
 
 
-def _exact(force: Array, scale: float) -> Array:
+def _exact(force: Array, scale: float | Array) -> Array:
     """The infinite chain in a plane, from a table good to 1e-6 between its two limits."""
     f = force / scale
     between = _tabulated()(np.log10(np.clip(f, 1e-6, 1e6)))
     return np.asarray(np.where(f < 1e-6, 2 * f, np.where(f > 1e6, 1 - 0.25 / np.sqrt(f), between)))
 
 
-FORMS: dict[str, Callable[[Array, float], Array]] = {
+FORMS: dict[str, Callable[[Array, float | Array], Array]] = {
     "(3.10) in 2D": _large_force,
     "(3.12) Marko-Siggia": _marko_siggia,
     "exact worm-like chain in 2D": _exact,
@@ -77,7 +77,8 @@ def fitted(force: Array, extension: Array, form: str) -> Fit:
     """Least squares over all points, from the best of some starts; extensions over the contour."""
     function = FORMS[form]
     guesses = np.geomspace(force[0] / 100, force[-1] * 100, 25)
-    guess = min(guesses.tolist(), key=lambda s: float(((function(force, s) - extension) ** 2).sum()))
+    left = function(force[:, None], guesses) - extension[:, None]
+    guess = float(guesses[np.argmin((left**2).sum(axis=0))])
 
     def of_logarithm(f: Array, logarithm: float) -> Array:
         return function(f, math.exp(logarithm))

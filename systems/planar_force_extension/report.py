@@ -16,13 +16,16 @@ from systems.planar_force_extension.fits import Fit
 from systems.planar_force_extension.hot import Sampled
 from systems.scene import Check
 
-__all__ = ["claims", "cold_checks", "findings", "hot_checks"]
+__all__ = ["claims", "cold_checks", "compared", "findings", "hot_checks"]
 
 Z_LIMIT = 4.0
 """Standard errors by which one of a score of points may miss the exact chain."""
 
 CHANCE = 1e-3
 """Probability of a mean square deviation above its limit where all is well."""
+
+R_HAT = 1.1
+"""Largest R-hat of chains that have forgotten where they started; other points are shown and not compared."""
 
 SEEN = 0.01
 """Difference over the contour that is seen in a figure."""
@@ -85,9 +88,14 @@ def _scaling(curves: Sequence[cold.Curve]) -> tuple[str, float]:
     return f"extension over contour at one F/E, largest difference of {count} pairs of moduli", worst
 
 
+def compared(s: Sampled) -> bool:
+    """Whether a point was sampled well enough to be held against the exact answer."""
+    return s.r_hat < R_HAT
+
+
 def hot_checks(sampled: Sequence[Sampled]) -> list[Check]:
     """What was sampled against the exact discrete chain in two dimensions."""
-    held = [(s, warm.exact(s.job)) for s in sampled if warm.kind(s.job) != "stuck"]
+    held = [(s, warm.exact(s.job)) for s in sampled if compared(s)]
     z = np.array([(s.extension - exact) / s.error for s, exact in held])
     checks = []
     for i, (s, exact) in enumerate(held):
@@ -96,10 +104,20 @@ def hot_checks(sampled: Sequence[Sampled]) -> list[Check]:
             "error in standard errors"
         )
         checks.append(_exact(name, s.extension, exact, Z_LIMIT, float(abs(z[i]))))
-    mean = float((z**2).mean())
-    limit = float(stats.chi2.ppf(1 - CHANCE, len(z)) / len(z))
-    checks.append(_exact("mean square deviation of all sampled points in standard errors", mean, 1.0, limit, mean))
-    turned = sum(float(s.turned[np.abs(chain.BENDS) > warm.FLEXIBLE].sum()) for s, _ in held if not s.job.moves)
+    if held:
+        mean = float((z**2).mean())
+        limit = float(stats.chi2.ppf(1 - CHANCE, len(z)) / len(z))
+        checks.append(_exact("mean square deviation of all sampled points in standard errors", mean, 1.0, limit, mean))
+    heats = {(s.job.heat, warm.kind(s.job)) for s in sampled}
+    checks.append(
+        _exact(
+            f"temperatures, joints free or frozen, with a point of R-hat below {R_HAT:g}",
+            len({(s.job.heat, warm.kind(s.job)) for s, _ in held}),
+            len(heats),
+            0.0,
+        )
+    )
+    turned = sum(float(s.turned[np.array(s.job.sides) != 0].sum()) for s in sampled)
     checks.append(_exact("turns of joints that are said to be frozen", turned, 0.0, 0.0))
     return [*checks, _scaled_check(), *_zero_temperature()]
 
@@ -126,10 +144,8 @@ def _zero_temperature() -> list[Check]:
     """The exact chain with frozen joints, extrapolated to no temperature, against the equilibrium: B meets A."""
     force = 0.01
     (at_rest,) = cold.shapes_at((force,))
-    signs = np.sign(chain.signed_bends(at_rest)) == np.sign(chain.BENDS)
-    warmer, colder = (
-        float(chain.Reduced(heat, flip=tuple((~signs).tolist())).exact(np.array([force]))[0]) for heat in (4e-4, 2e-4)
-    )
+    sides = tuple(np.sign(chain.signed_bends(at_rest)).tolist())
+    warmer, colder = (float(chain.Reduced(heat, sides=sides).exact(np.array([force]))[0]) for heat in (4e-4, 2e-4))
     equilibrium = float(at_rest[-1, 0]) / chain.SEGMENTS
     name = (
         "exact thermal extension over contour at F l0/alpha = 0.01, led on to zero temperature, against the equilibrium"
@@ -180,7 +196,9 @@ def findings(
     bent = [level for level in levels if level.name == "bent"]
     best = min(bent, key=lambda level: level.fits[MARKO_SIGGIA].rms)
     hottest, frozen, straight = bent[-1], _near(levels, "frozen", best.heat), _near(levels, "straight", best.heat)
-    stuck = [s for s in sampled if warm.kind(s.job) == "stuck"]
+    free = [s for s in sampled if warm.kind(s.job) == "free" and compared(s)]
+    held = [s for s in sampled if warm.kind(s.job) == "frozen" and compared(s)]
+    left_out = [s for s in sampled if not compared(s)]
     ends = [c.points[-1].extension / chain.CONTOUR for c in curves]
     stiff, soft = fitted[curves[-1].young], fitted[curves[0].young]
     span = curves[-1].points
@@ -205,12 +223,22 @@ def findings(
         f"A cold chain remembers: up to {max(p.over for p in span)} of {len(chain.BENDS)} joints snap to their other side as E = "
         f"1000 GPa is pulled to 1 N, and letting go to {back[-1].force:.0e} N leaves its ends "
         f"{back[-1].extension / chain.CONTOUR:.3f} L apart, not {span[0].extension / chain.CONTOUR:.3f}.",
-        f"Dynamics alone samples joints neither frozen nor free between the two: at F l0/alpha = {warm.LOADED:g} "
-        + " and ".join(
-            f"k_BT/alpha = {s.job.heat:g} R-hat is {s.r_hat:.2f} and x/L {s.extension:.3f} (free joints: {warm.exact(s.job):.3f})"
-            for s in stuck
-        )
-        + "; these points are shown and not compared, and joints count as frozen at small loads alone.",
+        f"Joints are free in {len(free)} of the points that are compared, at k_BT/alpha = "
+        f"{', '.join(f'{x:g}' for x in sorted({s.job.heat for s in free}))} (up to F l0/alpha = "
+        f"{max((s.job.force for s in free if s.job.heat == warm.FROZEN), default=0):g} at {warm.FROZEN:g}), and frozen on the "
+        f"sides that they have in the cold chain in {len(held)}, at {warm.FROZEN:g}, but for "
+        f"{' and '.join(str(s.job.sides.count(0)) for s in held)} of {len(chain.BENDS)} that noise turns over; the largest "
+        f"R-hat is {max(s.r_hat for s in (*free, *held)):.2f}, "
+        + (
+            "no point is left out."
+            if not left_out
+            else "left out are "
+            + ", ".join(
+                f"F l0/alpha = {s.job.force:g} at {s.job.heat:g}, joints {warm.kind(s.job)} (R-hat {s.r_hat:.2f})"
+                for s in left_out
+            )
+            + "."
+        ),
     ]
 
 

@@ -14,7 +14,10 @@ from openmm_filament.trajectory import TrajectoryWriter
 from systems.planar_force_extension import chain, cold, fits, warm
 from systems.planar_force_extension.hot import Sampled
 
-__all__ = ["fits_of", "write_cold", "write_fits", "write_hot", "write_levels", "write_trajectory"]
+__all__ = ["fits_of", "write_cold", "write_fits", "write_hot", "write_levels", "write_thermal", "write_trajectory"]
+
+FRAMES = 200
+"""Thermal shapes that are kept at most."""
 
 
 def fits_of(curves: Sequence[cold.Curve]) -> dict[float, list[fits.Fit]]:
@@ -102,4 +105,15 @@ def write_trajectory(path: Path, curve: cold.Curve) -> None:
     writer = TrajectoryWriter(curve.model, path)
     for i, point in enumerate(curve.converged):
         writer.write(point.positions * 1e9 / curve.model.scale.length, i, 0.0, force_N=point.force)
+    writer.close()
+
+
+def write_thermal(path: Path, sampled: Sampled) -> None:
+    """Sampled shapes of one chain as frames; moves lie between them, so that they have no times either."""
+    model = warm.model(sampled.job)
+    writer = TrajectoryWriter(model, path)
+    for i, frame in enumerate(sampled.frames[:FRAMES]):
+        writer.write(
+            frame / model.scale.length, i, 0.0, kT_over_alpha=sampled.job.heat, reduced_force=sampled.job.force
+        )
     writer.close()
