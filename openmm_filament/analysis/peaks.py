@@ -115,14 +115,8 @@ def lines(
         raise check.fail("signal", "vary in time", "constant")
     bins = hann_transform(values)
     height = np.sqrt(np.mean(np.abs(bins) ** 2, axis=1))
-    if near is None and height.argmax() < 2:
-        raise check.fail(
-            "signal",
-            "last two periods or more of its strongest line",
-            f"{len(values) * step:.6g} s long and strongest below {2 * resolution:.6g} Hz",
-        )
-    height[:2] = 0.0  # what is left of the mean
     peaks = 1 + np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:]))
+    height[:2] = 0.0  # what is left of the mean
     peaks = peaks[(peaks >= 2) & (peaks <= len(height) - 3)]
     if near is not None:
         chosen = _nearest(check.finite("near", near), peaks, height, resolution, 0.5 / step)

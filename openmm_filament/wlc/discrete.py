@@ -44,22 +44,31 @@ def _propagate(operator: Planar | Spatial, chain: DiscreteChain, force: Floats) 
     pull = operator.cosines[:, None] * length / chain.kT  # d(log_weight)/dF
     top = log_weight.max(axis=0)
     log_message, slope = np.zeros_like(log_weight), np.zeros_like(log_weight)
-    amplified = 0.0
+    noise = np.zeros_like(log_weight)  # what rounding up to _TINY may have put into the message
+    lost = np.zeros(len(force), dtype=bool)
+    amplified, forces = 0.0, len(force)
     for bond in range(chain.segments):
         log_joint = log_weight + log_message
         peak = log_joint.max(axis=0)
         amplified = max(amplified, float((top + log_message.max(axis=0) - peak).max()))
-        lost = ((log_message < _LOST) & (log_joint > peak - _NEGLIGIBLE)).any(axis=0)
-        if lost.any():
-            raise check.fail("force", "be weaker for joints this stiff and bent (weights underflow)", force[lost].min())
         joint = np.exp(log_joint - peak)
         derivative = joint * (pull + slope)
+        spoilt = np.exp(log_weight - peak) * noise
+        lost |= ((log_message < _LOST) & (log_joint > peak - _NEGLIGIBLE)).any(axis=0)
         if bond < chain.segments - 1:
-            messages = operator(bond, np.hstack([joint, derivative]))
-            message = np.maximum(messages[:, : len(force)], _TINY)
+            columns = [joint, derivative, spoilt] if noise.any() else [joint, derivative]
+            messages = operator(bond, np.hstack(columns))
+            message = np.maximum(messages[:, :forces], _TINY)
             log_message = np.log(message)
-            slope = np.where(message > _TINY, messages[:, len(force) :] / message, 0.0)
+            slope = np.where(message > _TINY, messages[:, forces : 2 * forces] / message, 0.0)
+            if operator.positive:  # otherwise small messages are differences, whose rounding `amplified` tells
+                noise = np.where(message > _TINY, 0.0, _TINY)
+                if len(columns) == 3:
+                    noise = noise + messages[:, 2 * forces :]
     weights: Floats = operator.weights
+    lost |= weights @ spoilt > _TOLERANCE * (weights @ joint)
+    if lost.any():
+        raise check.fail("force", "be weaker for joints this stiff and bent (weights underflow)", force[lost].min())
     return chain.kT * (weights @ derivative) / (weights @ joint), amplified
 
 

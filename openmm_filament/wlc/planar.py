@@ -72,6 +72,9 @@ class Planar:
     the far tail of a stiff bent joint.
     """
 
+    positive = True
+    """Whether every element of the operator is."""
+
     def __init__(self, chain: DiscreteChain, curvature: float, refine: float) -> None:
         self.chain, joints = chain, chain.joints
         stiffest = joints[:, 0].max(initial=0.0)

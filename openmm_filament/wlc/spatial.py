@@ -44,6 +44,9 @@ def _legendre_coefficients(stiffness: Floats, rest: Floats, form: str, size: int
 class Spatial:
     """Messages at Gauss-Legendre nodes in cos(theta); the bending kernel acts on their Legendre coefficients."""
 
+    positive = False
+    """Whether every element of the operator is."""
+
     def __init__(self, chain: DiscreteChain, curvature: float, refine: float) -> None:
         joints = chain.joints
         stiffest = joints[:, 0].max(initial=0.0)
