@@ -10,7 +10,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
 from multiprocessing.connection import wait as wait_for
 from types import ModuleType
@@ -20,7 +20,7 @@ import openmm as mm
 
 from openmm_filament import _checks as check
 
-__all__ = ["available_workers", "check_executor", "main_hidden", "worker_options"]
+__all__ = ["available_workers", "check_executor", "deaths", "main_hidden", "worker_options"]
 
 
 def available_workers(processes: int | None) -> int:
@@ -53,7 +53,10 @@ def check_executor(executor: Any) -> None:
     if not isinstance(executor, Executor):
         hint = ": pass client.get_executor()" if hasattr(executor, "get_executor") else ""
         raise TypeError(f"Argument `executor` must be a concurrent.futures.Executor, but is {executor!r}{hint}.")
-    place, threads, *versions = executor.submit(_where).result()
+    try:
+        place, threads, *versions = executor.submit(_where).result()
+    except RuntimeError as error:
+        raise ValueError(f"Argument `executor` must take tasks, but does not: {error}.") from error
     reason = "OpenMM's Reference platform has one random stream a process"
     if place == _where()[0]:
         raise ValueError(
@@ -84,6 +87,12 @@ def _versions() -> tuple[str, str]:
     from openmm_filament import __version__
 
     return mm.Platform.getOpenMMVersion(), __version__
+
+
+def deaths() -> tuple[type[BaseException], ...]:
+    """What futures raise when workers have died with their blocks."""
+    dask = sys.modules.get("distributed")
+    return (BrokenExecutor, CancelledError) if dask is None else (BrokenExecutor, CancelledError, dask.KilledWorker)
 
 
 def worker_options() -> dict[str, Any]:

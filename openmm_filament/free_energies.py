@@ -65,6 +65,10 @@ def free_energy(ramp: xarray.Dataset) -> FreeEnergy:
 
     Arguments of other kinds, warnings and the package that is needed: see `free_energy_of_works`.
     """
+    if "work" not in ramp:
+        raise ValueError(
+            f"Argument `ramp` must be a dataset of `ramp`, with its work, but has {[str(name) for name in ramp.data_vars]}."
+        )
     works = ramp["work"].isel(point=-1).transpose("direction", "replica").values
     kelvin = float(ramp.attrs["temperature_K"]) * unit.kelvin
     there, back = (units.quantity(work, "energy") for work in works)

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
-    CancelledError,
     Executor,
     Future,
     ProcessPoolExecutor,
@@ -35,7 +34,7 @@ from openmm_filament.checkpoints import Checkpoint
 from openmm_filament.curves import dataset
 from openmm_filament.discretisation import PN
 from openmm_filament.divergence import DivergedError
-from openmm_filament.executors import available_workers, check_executor, main_hidden, worker_options
+from openmm_filament.executors import available_workers, check_executor, deaths, main_hidden, worker_options
 from openmm_filament.filament import Filament
 from openmm_filament.fingerprints import fingerprint
 from openmm_filament.keeping import intact, keep, restored, tell_of
@@ -266,7 +265,7 @@ def _sample(points: Sequence[_Point], workers: Executor | int, store: Checkpoint
             wait([future for future in pending if not future.cancel()])
             _harvest(points, pending, store)
             return True
-        except (BrokenExecutor, CancelledError) as error:
+        except deaths() as error:
             raise BrokenExecutor(
                 f"The run has stopped: a worker process has ended, killed or out of memory, with its block.{intact(store)}"
             ) from error

@@ -106,9 +106,10 @@ def equilibrium(
     """The static equilibrium of a model under its constant forces, as the load is raised from nothing.
 
     The load is raised in stages, each solved by Newton steps with the exact sparse Hessian, damped until the energy
-    falls; a stage that takes too many steps is divided. An open filament that is bent everywhere and held at bead 0 is solved
-    in its lengths, bends and torsions instead, which a nearly straight chain does not make singular (see `articulated`),
-    and then in Cartesian coordinates as any other. At the full load a saddle is left along the direction in which the
+    falls; a stage that takes too many steps is divided. An open filament that is bent everywhere and held at bead 0 alone
+    is solved in its lengths, bends and torsions instead, which a nearly straight chain does not make singular (see
+    `articulated`), and then in Cartesian coordinates as any other. A clamped one with dihedrals that is pulled nearly
+    straight may not converge, and `converged` says so. At the full load a saddle is left along the direction in which the
     energy falls, so that the result is a minimum wherever one was found. Traps act in full from the start. Temperature and
     plucks play no part.
 

@@ -220,7 +220,7 @@ def test_a_simulated_curve_gives_the_chain_back() -> None:
     for name, value in (("persistence_length", 53.0), ("contour_length", 300.0)):
         assert abs(found.values[name] - value) < tol.SIGMAS * found.errors[name], name
     assert found.errors["persistence_length"] < 0.2 * 53
-    np.testing.assert_array_equal(found.curve.extension, curve.extension - curve.bias)
+    np.testing.assert_allclose(found.curve.extension, curve.extension - curve.bias - curve.time_step_bias, rtol=1e-12)
 
 
 # --- what is told -------------------------------------------------------------------------------------------------
@@ -345,3 +345,14 @@ def test_wrong_data_are_refused() -> None:
         fit_force_extension(Curve(FORCES, -exact(FORCES)), temperature=KELVIN)
     with pytest.raises(ValueError, match="hold in two dimensions"):
         fit_force_extension(Curve(FORCES, exact(FORCES), dimension=2), model="bouchiat", temperature=KELVIN)
+
+
+def test_the_known_bias_of_a_file_is_taken_off(tmp_path: Path) -> None:
+    """As the systems write them: where the exact extensions of both chains stand beside those sampled."""
+    path = tmp_path / "curve.csv"
+    path.write_text(
+        "\ufeffforce_pN,extension_nm,extension_error_nm,exact_discrete_nm,exact_continuous_nm\n1,105,1,104,100\n2,210,1,202,200\n",
+        encoding="utf-8",
+    )
+    assert read_curve(path).extension.tolist() == [101.0, 208.0]
+    assert read_curve(path, extension="exact_discrete_nm").extension[0] == 104.0

@@ -17,6 +17,8 @@ __all__ = ["Curve", "as_curve", "read_curve"]
 
 Array = NDArray[np.float64]
 
+_EXACT = ("exact_discrete_nm", "exact_continuous_nm")
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -87,6 +89,9 @@ def read_curve(
 ) -> Curve:
     r"""A curve from a CSV file with one line of column names; by default the columns that the systems write.
 
+    Where such a file has the exact extensions of the discrete chain that was run and of the continuous one, their
+    difference, the known bias, is taken off.
+
     Parameters
     ----------
     path : path
@@ -117,7 +122,7 @@ def read_curve(
     ...     read_curve(file.name, force="F", extension="z", nm=1000).extension
     array([500., 800.])
     """
-    with open(path, newline="") as file:
+    with open(path, newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file)
         names = list(reader.fieldnames or ())
         rows = list(reader)
@@ -135,9 +140,13 @@ def read_curve(
     def column(name: str, unit: float) -> Array:
         return unit * np.array([_number(row[name], name, path) for row in rows])
 
+    lengths = column(extension, nm)
+    if extension == "extension_nm" and {*_EXACT} <= set(names):
+        discrete, continuous = (column(name, nm) for name in _EXACT)
+        lengths = lengths - np.nan_to_num(discrete - continuous)
     return Curve(
         column(force, pN),
-        column(extension, nm),
+        lengths,
         None if spread is None else column(spread, nm),
         None if shift is None else column(shift, pN),
         temperature,
@@ -158,7 +167,7 @@ def as_curve(data: Any) -> Curve:
     """A `Curve` as it is, the path of a CSV file, or a dataset of `force_extension`.
 
     Of a dataset, forces whose run was given up are left out, and the known bias of the discrete chain (exact discrete
-    minus exact continuous, where the dataset has it) is taken off the extensions.
+    minus exact continuous, where the dataset has it) and the estimated one of the time step are taken off the extensions.
 
     Raises
     ------
@@ -175,8 +184,9 @@ def as_curve(data: Any) -> Curve:
             f"but is a {type(data).__name__}."
         )
     extension, error = (np.asarray(data[name], dtype=np.float64) for name in ("extension", "extension_error"))
-    if "bias" in data.data_vars:
-        extension = extension - np.nan_to_num(np.asarray(data["bias"], dtype=np.float64))
+    for bias in ("bias", "time_step_bias"):
+        if bias in data.data_vars:
+            extension = extension - np.nan_to_num(np.asarray(data[bias], dtype=np.float64))
     kept = np.isfinite(extension) & np.isfinite(error)
     return Curve(
         np.asarray(data["force"], dtype=np.float64)[kept],

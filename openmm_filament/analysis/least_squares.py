@@ -163,6 +163,8 @@ def _end(problem: Problem, best: Minimum, parameter: int, rise: float, sigma: fl
         if outside == inside:
             return limit
         if excess(outside) > 0:
+            if inside != centre and excess(inside) >= 0:  # a curve without noise: rounding is all that rises
+                return inside
             return float(optimize.brentq(excess, inside, outside, xtol=1e-3 * abs(sigma), rtol=1e-10))
         if beyond:
             return limit
