@@ -156,9 +156,14 @@ def diagnose(
     context.setStepCount(step)
     dt = context.getIntegrator().getStepSize().value_in_unit(unit.picosecond)
     to_ps = model.scale.factor("time")
+    gone = (
+        f"the beads are spread over more than {_FAR:g} times the extent of the rest shape"
+        if np.isfinite(bad).all()
+        else f"{describe_bead(model, bead)} is not finite"
+    )
     message = (
-        f"The run diverged at step {at} (last good frame: step {since}): {describe_bead(model, bead)} is not finite, by "
-        f"the force of {term}. Just before, {_surroundings(model, before, bead)}. "
+        f"The run diverged at step {at} (last good frame: step {since}): {gone}, by the force of {term} on "
+        f"{describe_bead(model, bead)}. Just before, {_surroundings(model, before, bead)}. "
         f"The time step is {dt * to_ps:.6g} ps; the stability limit at the last good frame was {limit * to_ps:.6g} ps."
     )
     return DivergedError(message, bead, term, at, model.to_physical(kept, "length"))

@@ -89,7 +89,7 @@ def test_the_message_names_bead_term_lengths_angles_and_step(reporter: Any) -> N
     limit = of.stable_timestep(model).value_in_unit(PS)
     for part in (
         rf"diverged at step {error.step} \(last good frame: step \d+\)",
-        rf"bead {error.bead} is not finite, by the force of {error.term}\.",
+        rf"bead {error.bead} is not finite, by the force of {error.term} on bead",
         rf"from bead \d+ to \d+ the segment lengths were {NUMBER}(, {NUMBER})* nm",
         rf"the bending angles {NUMBER}(, {NUMBER})* rad",
         r"the torsions [0-9.e+,\s-]+ rad",
