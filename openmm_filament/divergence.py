@@ -77,7 +77,7 @@ class Watch:
         self._model = model
         self._interval = check.integer("interval", interval, low=1)
         self._good: tuple[Array, Array, int] | None = None
-        self._energies: list[tuple[float, float]] = []
+        self._books = Books()
         self._allowed: float | None = None
 
     def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
@@ -103,7 +103,6 @@ class Watch:
             self._good = positions, velocities, simulation.currentStep
             return positions
         raise diagnose(self._model, simulation.context, positions, simulation.currentStep, self._good)
-
 
     def _check_energy(self, simulation: app.Simulation, state: mm.State, positions: Array) -> None:
         """Raise DivergedError where the energy has risen though nothing drives the run."""
