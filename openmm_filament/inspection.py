@@ -34,6 +34,9 @@ _ROUNDED = 64 * float(np.finfo(np.float64).eps)
 _SINGLE = float(np.finfo(np.float32).eps) / 2
 """Rounding of coordinates in single precision."""
 
+_AT_REST, _AT_REST_SINGLE = 1e-9, 1e-5
+"""Error of a force, over that of a strain or an angle of one, that is warned of where there should be none at all."""
+
 _ON_THE_CONE = 1e-7
 """Difference in rad from the rest angle below which a joint in line is taken to rest so."""
 
@@ -254,9 +257,11 @@ def _check_forces(model: Model, context: mm.Context, x: Array, tolerance: float)
         if _precision(context) == "single":  # the positions in the Context are rounded already
             deviation += max(_rounded_force(interaction, x, _SINGLE) for interaction in members)
         floor = max(_rounded_force(interaction, x) for interaction in members)
-        if largest > floor and not deviation <= tolerance * largest:
+        at_rest = (_AT_REST if _precision(context) == "double" else _AT_REST_SINGLE) * natural
+        if not deviation <= (tolerance * largest if largest > floor else at_rest):
+            of_what = f"{deviation / largest:.2g}" if largest > floor else f"{deviation / natural:.2g} of the stiffness"
             warnings.warn(
-                f"Forces of {family} at these positions carry an error of {deviation / largest:.2g} on "
+                f"Forces of {family} at these positions carry an error of {of_what} on "
                 f"{_platform(context)}{_angles(members, x)}: motion so small needs larger strains and angles, double precision"
                 f"{_finer_form(members)}.",
                 PreflightWarning,

@@ -78,7 +78,7 @@ def _block(ax: Axes, axis: str, cases: Sequence[str], cells: Sequence[Cell]) -> 
             text = _WORDS[cell.outcome]
         ax.text(x, y, text, ha="center", va="center", fontsize=8.5 if len(text) < 5 or len(settings) < 14 else 6.5)
     ax.set(xlim=(-0.5, max(len(settings), 13) - 0.5), ylim=(len(cases) - 0.5, -0.5))
-    ax.set_xticks(range(len(settings)), settings, fontsize=8 if len(settings) < 20 else 7)
+    ax.set_xticks(range(len(settings)), settings, fontsize=8, rotation=0 if len(settings) < 20 else 40)
     ax.set_yticks(range(len(cases)), cases, fontsize=9)
     ax.tick_params(length=0)
     ax.set_title(axis, fontsize=12, loc="left", fontweight="bold", pad=4)
@@ -93,7 +93,7 @@ def _series(ax: Axes, limits: Sequence[Limit], drifts: Sequence[tuple[float, flo
     for kind, mark in kinds.items():
         own = [v for v in limits if (f"limited by {kind}" in v.case) or (kind in ("softer", "one") and kind in v.case)]
         label = {"softer": "stiffness ratio to 1e12", "one": "mass ratio to 1e6"}.get(kind, f"limited by {kind}")
-        one.plot([v.found for v in own], [v.predicted / v.found for v in own], mark, color="C0" if kind in ("softer", "one") else None, label=label)
+        one.plot([v.found for v in own], [v.predicted / v.found for v in own], mark, label=label)
     one.axhspan(1 - LIMIT, 1 + LIMIT, color="0.92", zorder=0)
     one.axhline(1, color="0.6", lw=0.8, zorder=0)
     one.set(xscale="log", ylim=(0.9, 1.1), xlabel="limit found by running (ps)", ylabel="predicted over found")

@@ -111,7 +111,7 @@ def limits(*, quick: bool, into: list[Limit]) -> Iterator[Cell]:
 
     for case, label, value, make in chains(quick=quick):
         yield judged(("time step limit", case, label, value), "Verlet steps, by halving", partial(compare, case, label, make), LIMIT)
-    for power in range(0, 13, 4 if quick else 2):
+    for power in range(0, 13, 3 if quick else 2):
         for soft, k, alpha in (("bending", 10.0 * 10.0**power, 10.0), ("stretching", 10.0, 10.0 * 10.0**power)):
             filament = _helix(8, _stretch(k), of.bending.Harmonic(alpha * KJ))
             yield judged(
