@@ -19,6 +19,9 @@ __all__ = ["Books", "allowed_rise"]
 _RISE = 0.1
 """Rise of the energy, over what was seen to move between its kinds, that a time step well below the limit never makes."""
 
+_ROUNDING = 1e-9
+"""Rise over the energies themselves below which it may be rounding."""
+
 
 def allowed_rise(model: Model, integrator: Any) -> float:
     """The rise of the energy, over the energy of the motion, above which a run has gone wrong; infinite where none can be told.
@@ -35,7 +38,7 @@ def allowed_rise(model: Model, integrator: Any) -> float:
     if part >= 1:
         return math.inf
     late = isinstance(integrator, mm.CustomIntegrator)
-    return _RISE + (part**2 + 2 * part * late) / (1 - part**2)
+    return float(_RISE + (part**2 + 2 * part * late) / (1 - part**2))
 
 
 class Books:
@@ -55,4 +58,5 @@ class Books:
         self._kinetic = max(self._kinetic, kinetic)
         self._potential = min(self._potential[0], potential), max(self._potential[1], potential)
         moved = max(self._kinetic, self._potential[1] - self._potential[0])
-        return (kinetic + potential - self._began) / moved if moved else 0.0
+        rise = kinetic + potential - self._began
+        return rise / moved if rise > _ROUNDING * (kinetic + abs(potential)) else 0.0

@@ -60,12 +60,12 @@ class Scene:
             terms.append(stretching.Harmonic(self.stretch / self.scale**2 * KJ / NM**2))
         if self.bend is not None:
             form, alpha = self.bend
-            terms.append(
-                bending.Cosine(alpha * KJ) if form == "cosine" else bending.Harmonic(alpha * KJ, form=form)
-            )
+            terms.append(bending.Cosine(alpha * KJ) if form == "cosine" else bending.Harmonic(alpha * KJ, form=form))
         if self.twist is not None:
             form, c = self.twist
-            terms.append({"harmonic": torsion.Harmonic, "periodic": torsion.Periodic, "weighted": torsion.Weighted}[form](c * KJ))
+            terms.append(
+                {"harmonic": torsion.Harmonic, "periodic": torsion.Periodic, "weighted": torsion.Weighted}[form](c * KJ)
+            )
         if self.charge is not None:
             terms.append(electrostatics.Neighbour(self.charge * unit.elementary_charge))
         rng = np.random.default_rng(self.seed)
@@ -191,7 +191,9 @@ def compare(scene: Scene, model: of.Model, filament: of.Filament, simulation: An
     natural = max(i.stored_energy(1.0) for i in model.interactions) * model.scale.factor("force")
     error = float(np.abs(found - right).max())
     lost = any("Forces of" in message for message in told)
-    assert lost or error <= tol.FUZZ * scale + tol.FUZZ_AT_REST * natural * (1 + np.abs(x).max()), f"wrong by {error} of {scale}"
+    assert lost or error <= tol.FUZZ * scale + tol.FUZZ_AT_REST * natural * (1 + np.abs(x).max()), (
+        f"wrong by {error} of {scale}"
+    )
 
 
 @given(scenes())

@@ -105,5 +105,9 @@ def findings(made: list[cells.Cell]) -> list[str]:
         worst = max((cell for cell in own if cell.outcome == "right"), key=lambda cell: cell.error, default=None)
         largest = f"; largest error {worst.error:.2g} ({worst.case}, {worst.label})" if worst else ""
         out.append(f"{axis[0].upper()}{axis[1:]}: {said}{largest}.")
-    out += [f"WRONG: {c.axis}, {c.case}, {c.label}: error {c.error:.3g}. {c.message}"[:300] for c in made if c.outcome == "wrong"]
+    out += [
+        f"WRONG: {c.axis}, {c.case}, {c.label}: error {c.error:.3g}. {c.message}"[:300]
+        for c in made
+        if c.outcome == "wrong"
+    ]
     return out

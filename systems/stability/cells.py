@@ -24,7 +24,17 @@ OUTCOMES: tuple[Outcome, ...] = ("right", "warned", "refused", "wrong", "not ava
 TOLERANCE = 1e-3
 """Largest error of a force over the largest force that still counts as right: the tolerance of `of.preflight`."""
 
-_SAYS_WHY = ("must", "diverged", "heated up", "NOT converged", "error", "should", "is lost there", "few digits", "rose to")
+_SAYS_WHY = (
+    "must",
+    "diverged",
+    "heated up",
+    "NOT converged",
+    "error",
+    "should",
+    "is lost there",
+    "few digits",
+    "rose to",
+)
 """A clear message names a rule or what happened; a bare "nan" does not."""
 
 
@@ -61,7 +71,10 @@ class Cell:
 
 
 def judged(
-    place: tuple[str, str, str, float], ran: str, run: Callable[[], float | tuple[float, float]], tolerance: float = TOLERANCE
+    place: tuple[str, str, str, float],
+    ran: str,
+    run: Callable[[], float | tuple[float, float]],
+    tolerance: float = TOLERANCE,
 ) -> Cell:
     """Run it and say what came of it: `run` returns its error against the exact answer, or error and tolerance."""
     with warnings.catch_warnings(record=True) as caught:
@@ -72,13 +85,13 @@ def judged(
             found = run()
         except (ValueError, TypeError, DivergedError) as error:
             return Cell(*place, ran, "refused" if _is_clear(str(error)) else "wrong", math.nan, tolerance, str(error))
-        except Exception as error:  # noqa: BLE001  a crash is a wrong cell of the map, not the end of it
+        except Exception as error:  # a crash is a wrong cell of the map, not the end of it
             return Cell(*place, ran, "wrong", math.nan, tolerance, f"{type(error).__name__}: {error}")
-    error, allowed = found if isinstance(found, tuple) else (found, tolerance)
+    off, allowed = found if isinstance(found, tuple) else (found, tolerance)
     said = " ".join(dict.fromkeys(str(entry.message) for entry in caught))
-    if error <= allowed:
-        return Cell(*place, ran, "right", error, allowed, said)
-    return Cell(*place, ran, "warned" if _is_clear(said) else "wrong", error, allowed, said)
+    if off <= allowed:
+        return Cell(*place, ran, "right", off, allowed, said)
+    return Cell(*place, ran, "warned" if _is_clear(said) else "wrong", off, allowed, said)
 
 
 def missing(place: tuple[str, str, str, float], ran: str, why: str) -> Cell:
@@ -104,5 +117,15 @@ def write(path: Path, cells: Sequence[Cell]) -> None:
         out.writerow(["axis", "case", "setting", "value", "run", "outcome", "error", "tolerance", "message"])
         for c in cells:
             out.writerow(
-                [c.axis, c.case, c.label, f"{c.value:.6g}", c.ran, c.outcome, f"{c.error:.3g}", f"{c.tolerance:.3g}", c.message]
+                [
+                    c.axis,
+                    c.case,
+                    c.label,
+                    f"{c.value:.6g}",
+                    c.ran,
+                    c.outcome,
+                    f"{c.error:.3g}",
+                    f"{c.tolerance:.3g}",
+                    c.message,
+                ]
             )

@@ -35,7 +35,9 @@ def _right(error: float) -> tuple[float, float, float]:
     return float(red), float(green), float(blue)
 
 
-def draw(path: Path, cells: Sequence[Cell], limits: Sequence[Limit], drifts: Sequence[tuple[float, float, float]]) -> None:
+def draw(
+    path: Path, cells: Sequence[Cell], limits: Sequence[Limit], drifts: Sequence[tuple[float, float, float]]
+) -> None:
     """Write the figure."""
     from matplotlib.figure import Figure
 
@@ -48,10 +50,12 @@ def draw(path: Path, cells: Sequence[Cell], limits: Sequence[Limit], drifts: Seq
         columns[side].append(axis)
         heights[side] += len(rows[axis]) + 3
     figure = Figure(figsize=(27, 0.27 * max(heights[0], heights[1] + 20) + 1.5), layout="constrained")
-    left, right = figure.subfigures(1, 2, wspace=0.01)
+    left, right = figure.subfigures(1, 2, wspace=0.01, squeeze=False)[0]
     for side, part, spare in ((left, columns[0], 0.0), (right, columns[1], 20.0)):
         shares = [len(rows[axis]) + 2.0 for axis in part]
-        drawn = side.subplots(len(part) + bool(spare), 1, height_ratios=shares + [spare] * bool(spare), squeeze=False)[:, 0]
+        drawn = side.subplots(len(part) + bool(spare), 1, height_ratios=shares + [spare] * bool(spare), squeeze=False)[
+            :, 0
+        ]
         for ax, axis in zip(drawn, part, strict=False):
             _block(ax, axis, rows[axis], [c for c in cells if c.axis == axis])
         if spare:

@@ -110,7 +110,12 @@ def limits(*, quick: bool, into: list[Limit]) -> Iterator[Cell]:
         return abs(predicted / seen - 1) if seen else math.inf
 
     for case, label, value, make in chains(quick=quick):
-        yield judged(("time step limit", case, label, value), "Verlet steps, by halving", partial(compare, case, label, make), LIMIT)
+        yield judged(
+            ("time step limit", case, label, value),
+            "Verlet steps, by halving",
+            partial(compare, case, label, make),
+            LIMIT,
+        )
     for power in range(0, 13, 3 if quick else 2):
         for soft, k, alpha in (("bending", 10.0 * 10.0**power, 10.0), ("stretching", 10.0, 10.0 * 10.0**power)):
             filament = _helix(8, _stretch(k), of.bending.Harmonic(alpha * KJ))
@@ -151,5 +156,8 @@ def drifts(*, quick: bool, into: list[tuple[float, float, float]]) -> Iterator[C
 
     for part in (0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 0.95, 0.99, 1.01, 1.5):
         yield judged(
-            ("step over limit", "energy drift in 10^4 steps", f"{part:g}", part), "Verlet steps", partial(run, part), 0.02
+            ("step over limit", "energy drift in 10^4 steps", f"{part:g}", part),
+            "Verlet steps",
+            partial(run, part),
+            0.02,
         )

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 KJ, NM, RAD, DALTON = unit.kilojoule_per_mole, unit.nanometer, unit.radian, unit.dalton
 _TINY = 1e-9
 
-_CHOICES = (
+_CHOICES: tuple[tuple[str, dict[str, str]], ...] = (
     ("Reference", {}), ("CPU", {}), ("OpenCL", {"Precision": "double"}), ("OpenCL", {"Precision": "mixed"}),
     ("OpenCL", {"Precision": "single"}),
 )  # fmt: skip

@@ -52,5 +52,9 @@ def forces(*, quick: bool) -> Iterator[Cell]:
     """From 1e-6 to 1e6 of the modulus, as a damped run and as a static equilibrium."""
     for power in range(-6, 7, 3 if quick else 1):
         ratio, label = 10.0**power, f"1e{power}"
-        yield judged(("force over modulus", "damped run", label, ratio), "4000 Euler-Cromer steps: length", partial(_run, ratio))
-        yield judged(("force over modulus", "equilibrium", label, ratio), "static equilibrium: length", partial(_at_rest, ratio))
+        yield judged(
+            ("force over modulus", "damped run", label, ratio), "4000 Euler-Cromer steps: length", partial(_run, ratio)
+        )
+        yield judged(
+            ("force over modulus", "equilibrium", label, ratio), "static equilibrium: length", partial(_at_rest, ratio)
+        )

@@ -52,7 +52,9 @@ def _worst_error(model: of.Model, context: mm.Context, x: Array) -> float:
     context.setPositions(x)
     of.preflight(model, context)
     return max(
-        exact.error(_forces(context, 1 << model.groups[i.term.family]), [i], x) for i in model.interactions if len(i.beads)
+        exact.error(_forces(context, 1 << model.groups[i.term.family]), [i], x)
+        for i in model.interactions
+        if len(i.beads)
     )
 
 
@@ -69,9 +71,13 @@ def ratios(*, quick: bool) -> Iterator[Cell]:
                 "forces of each term",
                 partial(_worst_error, model, context, model.positions.value_in_unit(NM) + shift),
             )
-        yield judged(("stiffness ratio", "lowest mode, bending softer", label, ratio), "normal modes", partial(_lowest, ratio))
         yield judged(
-            ("stiffness ratio", "cantilever, bending softer", label, ratio), "static equilibrium", partial(_cantilever, ratio)
+            ("stiffness ratio", "lowest mode, bending softer", label, ratio), "normal modes", partial(_lowest, ratio)
+        )
+        yield judged(
+            ("stiffness ratio", "cantilever, bending softer", label, ratio),
+            "static equilibrium",
+            partial(_cantilever, ratio),
         )
 
 
@@ -109,7 +115,9 @@ def masses(*, quick: bool) -> Iterator[Cell]:
 
         yield judged(("mass ratio", "frequency of a pair, modes", f"1e{power}", heavy), "normal modes", mode)
         yield judged(
-            ("mass ratio", "frequency of a pair, run", f"1e{power}", heavy), "200 Verlet steps", partial(_ringing, model, omega)
+            ("mass ratio", "frequency of a pair, run", f"1e{power}", heavy),
+            "200 Verlet steps",
+            partial(_ringing, model, omega),
         )
         mixed = np.where(np.arange(6) % 2, heavy, 1.0)
         chain = of.build(_chain(*_terms(500.0, 50.0, 10.0), mass=mixed))
@@ -187,7 +195,9 @@ def sizes(*, quick: bool) -> Iterator[Cell]:
     def motion(power: int) -> float:
         if -9 not in ran:
             ran[-9] = _moved(build(-9), shape + shift, 1.0)
-        return float(np.abs(_moved(build(power), shape + shift, 10.0**power * 1e9) - ran[-9]).max() / np.abs(shift).max())
+        return float(
+            np.abs(_moved(build(power), shape + shift, 10.0**power * 1e9) - ran[-9]).max() / np.abs(shift).max()
+        )
 
     for power in range(-10, 1, 2 if quick else 1):
         label, value = f"1e{power} m", 10.0**power
@@ -230,7 +240,9 @@ def counts(*, quick: bool) -> Iterator[Cell]:
             if beads > 10_000 and quick and len(names) != 2:
                 continue
             yield judged(
-                ("number of beads", " + ".join(names), f"{beads:g}", beads), "20 Verlet steps, forces", partial(run, beads, names)
+                ("number of beads", " + ".join(names), f"{beads:g}", beads),
+                "20 Verlet steps, forces",
+                partial(run, beads, names),
             )
 
 

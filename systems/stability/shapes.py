@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -100,7 +100,9 @@ def coincident() -> Iterator[Cell]:
         x = rest.copy()
         x[2] = x[1] + gap * (rest[2] - rest[1])
         yield judged(("coincident", "neighbours in a run", label, gap), "forces", partial(probe.error, x))
-        yield judged(("coincident", "neighbours at rest", label, gap), "rest shape: forces", partial(_displaced, x, terms))
+        yield judged(
+            ("coincident", "neighbours at rest", label, gap), "rest shape: forces", partial(_displaced, x, terms)
+        )
 
 
 def _displaced(rest: Array, terms: tuple[Term, ...]) -> float:
@@ -117,7 +119,7 @@ def _displaced(rest: Array, terms: tuple[Term, ...]) -> float:
 def dihedrals() -> Iterator[Cell]:
     """A torsion across +-pi, for rest angles on both sides of the seam and opposite to it, and a swing across it."""
     rests = {"pi": math.pi, "-pi": -math.pi, "3": 3.0, "0": 0.0}
-    makers = {
+    makers: dict[str, Callable[[float], Term]] = {
         "harmonic": lambda rest: of.torsion.Harmonic(STIFFNESS, rest * RAD),
         "periodic": lambda rest: of.torsion.Periodic(STIFFNESS, 3, rest * RAD),
         "weighted": lambda rest: of.torsion.Weighted(STIFFNESS, rest * RAD),

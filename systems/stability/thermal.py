@@ -36,14 +36,18 @@ _SIGMAS, _BIAS = 4.5, 0.03
 """Standard errors, and the relative bias of the time step, within which a mean energy counts as right."""
 
 
-def _mean(energy: Callable[[float], float], weight: Callable[[float], float], low: float, high: float, kt: float) -> float:
+def _mean(
+    energy: Callable[[float], float], weight: Callable[[float], float], low: float, high: float, kt: float
+) -> float:
     """The Boltzmann average of an energy of one coordinate with this volume element."""
     points = np.linspace(low, high, 9)[1:-1]
-    parts = [
-        quad(lambda u: part(u) * weight(u) * math.exp(-energy(u) / kt), low, high, points=points, limit=400)[0]
-        for part in (energy, lambda _: 1.0)
-    ]
-    return parts[0] / parts[1]
+
+    def integral(part: Callable[[float], float]) -> float:
+        return float(
+            quad(lambda u: part(u) * weight(u) * math.exp(-energy(u) / kt), low, high, points=points, limit=400)[0]
+        )
+
+    return integral(energy) / integral(lambda _: 1.0)
 
 
 def exact_energies(kelvin: float, *, bent: bool) -> dict[str, float]:
@@ -80,9 +84,7 @@ def _error(kelvin: float, steps: int, *, bent: bool) -> tuple[float, float]:
     model = of.build([filament] * _REPLICAS)
     limit = model.to_internal(of.stable_timestep(model)).value_in_unit(PS)
     integrator = of.langevin(model, warm, friction=0.1 / (limit * PS), seed=7)
-    simulation = app.Simulation(
-        model.topology, model.system, integrator, mm.Platform.getPlatformByName("Reference")
-    )
+    simulation = app.Simulation(model.topology, model.system, integrator, mm.Platform.getPlatformByName("Reference"))
     starts = equilibrium_starts(filament, 0.0, kelvin, _REPLICAS, np.random.default_rng(3))
     simulation.context.setPositions(np.concatenate(list(starts)))
     simulation.context.setVelocitiesToTemperature(warm, 5)
