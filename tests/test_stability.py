@@ -6,6 +6,7 @@ import csv
 import json
 import math
 from collections.abc import Callable, Iterable
+from itertools import islice
 from pathlib import Path
 
 import mpmath as mp
@@ -24,7 +25,6 @@ from systems.stability import cells, exact, figures, limits, pulls, scales, shap
 
 CHEAP: dict[str, Callable[[], Iterable[cells.Cell]]] = {
     "limits": lambda: limits.limits(quick=True, into=[]),
-    "drift": lambda: limits.drifts(quick=True, into=[]),
     "masses": lambda: scales.masses(quick=True),
     "sizes": lambda: scales.sizes(quick=True),
     "angles": shapes.angles,
@@ -61,8 +61,9 @@ def test_a_straight_joint_that_rests_bent_is_told_of() -> None:
 
 
 def test_a_violent_run_that_gains_energy_is_stopped() -> None:
-    found = [c for c in scales.amplitudes(quick=True) if c.case == "energy, torsion dihedral" and c.outcome == "refused"]
-    assert any("energy of the run must not rise" in cell.message for cell in found)
+    model = of.build(scales._chain(*scales._terms(500.0, 50.0, 10.0)))
+    with pytest.raises(DivergedError, match="energy of the run must not rise"):
+        scales._kept(model, 10**-0.5, 1000)
 
 
 def test_a_chain_pulled_too_far_is_refused_in_words_that_fit() -> None:
@@ -128,12 +129,12 @@ def test_mean_energies_are_half_a_kt_a_degree_of_freedom_where_stiff(kelvin: flo
 
 def test_the_figure_and_the_table_are_written(tmp_path: Path) -> None:
     made = stability.Map()
-    made.cells = [*limits.limits(quick=True, into=made.limits), *limits.drifts(quick=True, into=made.drifts)]
-    made.cells += [*shapes.coincident(), *pulls.forces(quick=True)]
+    made.cells = [*islice(limits.limits(quick=True, into=made.limits), 3), *limits.drifts(quick=True, into=made.drifts)]
+    made.cells += shapes.coincident()
     cells.write(tmp_path / "stability.csv", made.cells)
     figures.draw(tmp_path / "stability.png", made.cells, made.limits, made.drifts)
     with (tmp_path / "stability.csv").open() as table:
         assert len(list(csv.DictReader(table))) == len(made.cells)
-    assert (tmp_path / "stability.png").stat().st_size > 50_000
+    assert (tmp_path / "stability.png").stat().st_size > 20_000
     assert all(check.passed for check in stability.checks(made))
     json.dumps(stability.findings(made.cells))
