@@ -12,6 +12,7 @@ from openmm import app, unit
 
 from openmm_filament import _checks as check
 from openmm_filament import units
+from openmm_filament.bookkeeping import Books, allowed_rise
 from openmm_filament.evaluation import internal_positions, kinetic_temperature
 from openmm_filament.geometry import bending_angles, dihedrals
 from openmm_filament.inspection import describe_bead
@@ -28,6 +29,9 @@ _FAR = 1e3
 
 _SURE = 50.0
 """A look at a thermal run is a false alarm with a probability below e to the minus this."""
+
+_RISE = 0.1
+"""Rise of the energy of a run without thermostat, over what it moves between its kinds, that no good time step makes."""
 
 _REPLAY = 2000
 """At most so many single steps are repeated from the last good frame to find the step at which a run diverged."""
@@ -59,7 +63,9 @@ class DivergedError(RuntimeError):
 def watch(model: Model, interval: int) -> Watch:
     """A reporter that stops a Simulation with DivergedError when a coordinate is not finite or the run heats up.
 
-    Every `interval` steps it looks at the positions and keeps them as the last good frame.
+    Every `interval` steps it looks at the positions and keeps them as the last good frame. A run heats up where its
+    kinetic temperature is far above its thermostat's; without a thermostat, under `verlet` and `euler_cromer`, where its
+    energy rises although nothing drives it (plucks and traps do).
     """
     return Watch(model, interval)
 
@@ -71,13 +77,20 @@ class Watch:
         self._model = model
         self._interval = check.integer("interval", interval, low=1)
         self._good: tuple[Array, Array, int] | None = None
+        self._books = Books()
+        self._allowed: float | None = None
 
     def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:
         """When OpenMM is to call next, and with what; the first call keeps the starting frame."""
+        if self._allowed is None:
+            self._allowed = allowed_rise(self._model, simulation.integrator)
+        wanted = ["positions", "velocities"]
+        if math.isfinite(self._allowed):  # asking a thermostat for its energy may draw from its random stream
+            wanted.append("energy")
         if self._good is None:
-            self.look(simulation, simulation.context.getState(positions=True, velocities=True))
+            self.look(simulation, simulation.context.getState(**dict.fromkeys(wanted, True)))
         steps = self._interval - simulation.currentStep % self._interval
-        return {"steps": steps, "periodic": None, "include": ["positions", "velocities"]}
+        return {"steps": steps, "periodic": None, "include": wanted}
 
     def report(self, simulation: app.Simulation, state: mm.State) -> None:
         """Called by OpenMM every `interval` steps."""
@@ -90,9 +103,25 @@ class Watch:
             velocities = units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity")
             if (temperature := temperature_of(simulation.integrator)) is not None:
                 check_heat(self._model, positions, velocities, temperature, simulation.currentStep)
+            elif self._allowed is not None and math.isfinite(self._allowed):
+                self._check_energy(simulation, state, positions, self._allowed)
             self._good = positions, velocities, simulation.currentStep
             return positions
         raise diagnose(self._model, simulation.context, positions, simulation.currentStep, self._good)
+
+    def _check_energy(self, simulation: app.Simulation, state: mm.State, positions: Array, allowed: float) -> None:
+        """Raise DivergedError where the energy has risen though nothing drives the run."""
+        rise = self._books.rise(state)
+        if rise > allowed:
+            raise DivergedError(
+                f"The energy of the run must not rise by more than {allowed:.3g} of that of its motion, nothing driving "
+                f"it, but has risen by {rise:.3g} of it by step {simulation.currentStep}: the time step is too long for "
+                "motion so large.",
+                0,
+                "unknown",
+                simulation.currentStep,
+                self._model.to_physical(positions, "length"),
+            )
 
 
 def has_left(model: Model, positions: Array) -> bool:
@@ -156,9 +185,14 @@ def diagnose(
     context.setStepCount(step)
     dt = context.getIntegrator().getStepSize().value_in_unit(unit.picosecond)
     to_ps = model.scale.factor("time")
+    gone = (
+        f"the beads are spread over more than {_FAR:g} times the extent of the rest shape"
+        if np.isfinite(bad).all()
+        else f"{describe_bead(model, bead)} is not finite"
+    )
     message = (
-        f"The run diverged at step {at} (last good frame: step {since}): {describe_bead(model, bead)} is not finite, by "
-        f"the force of {term}. Just before, {_surroundings(model, before, bead)}. "
+        f"The run diverged at step {at} (last good frame: step {since}): {gone}, by the force of {term} on "
+        f"{describe_bead(model, bead)}. Just before, {_surroundings(model, before, bead)}. "
         f"The time step is {dt * to_ps:.6g} ps; the stability limit at the last good frame was {limit * to_ps:.6g} ps."
     )
     return DivergedError(message, bead, term, at, model.to_physical(kept, "length"))

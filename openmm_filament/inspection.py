@@ -12,7 +12,7 @@ import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 
-from openmm_filament import traps, units
+from openmm_filament import bending, traps, units
 from openmm_filament._term import Interaction
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.filament import COLLINEAR
@@ -27,6 +27,18 @@ Array = NDArray[np.float64]
 
 _FORCE_TOLERANCE = 1e-3
 """Largest error of a term's forces relative to its largest force, or to a thousandth of the stiffness of that term."""
+
+_ROUNDED = 64 * float(np.finfo(np.float64).eps)
+"""Rounding of coordinates, relative to the largest, below which a force has no meaning: 64 of the last digit."""
+
+_SINGLE = float(np.finfo(np.float32).eps) / 2
+"""Rounding of coordinates in single precision."""
+
+_AT_REST, _AT_REST_SINGLE = 1e-9, 1e-5
+"""Error of a force, over that of a strain or an angle of one, that is warned of where there should be none at all."""
+
+_ON_THE_CONE = 1e-7
+"""Difference in rad from the rest angle below which a joint in line is taken to rest so."""
 
 _NEARLY_COLLINEAR = 1e-3
 """sin(beta) below which the torsion force, growing as 1/sin(beta), is warned of."""
@@ -88,8 +100,9 @@ def preflight(
     Warns
     -----
     PreflightWarning
-        For nearly collinear beads under torsion, a time step that looks physical on a scaled model, an integrator
-        there that is not of this package, and smaller forces that carry an error above the tolerance.
+        For nearly collinear beads under torsion, beads in line whose joint rests bent, a time step that looks physical on
+        a scaled model, an integrator there that is not of this package, and smaller forces that carry an error above the
+        tolerance, down to what the rounding of the coordinates makes.
     """
     x = internal_positions(model) if context is None else _context_positions(model, context)
     _check_positions(model, x)
@@ -136,6 +149,24 @@ def _check_positions(model: Model, x: Array) -> None:
             raise PreflightError(f"Neighbours must not coincide, but {describe_bead(model, i, j)} do.")
         if interaction.term.needs_bends:
             _check_bends(model, interaction, x)
+    for interaction in model.interactions:
+        if "beta0" in interaction.parameters:
+            _warn_of_cones(model, interaction, x)
+
+
+def _warn_of_cones(model: Model, interaction: Interaction, x: Array) -> None:
+    """Joints exactly straight or folded back that rest at another angle: the force there has no direction."""
+    angles, rest = bending_angles(x[interaction.beads]), interaction.parameters["beta0"]
+    lost = np.isin(angles, (0.0, np.pi)) & (np.abs(angles - rest) > _ON_THE_CONE)
+    if lost.any():
+        first = int(np.argmax(lost))
+        warnings.warn(
+            f"Joints in line should rest so, but {describe_bead(model, *interaction.beads[first])} at {angles[first]:.3g} rad "
+            f"rest at {rest[first]:.3g} rad: their force has no direction and is taken as zero, so that they may stay there. "
+            "Move them off the line a little.",
+            PreflightWarning,
+            stacklevel=4,
+        )
 
 
 def _check_bends(model: Model, interaction: Interaction, x: Array) -> None:
@@ -223,10 +254,16 @@ def _check_forces(model: Model, context: mm.Context, x: Array, tolerance: float)
                 f"Forces of {family} must agree with the NumPy reference to {tolerance:g}, but differ by {error:.3g} at "
                 f"{describe_bead(model, worst)} on {_platform(context)}{_angles(members, x)}."
             )
-        if largest > 1e-9 * natural and not deviation <= tolerance * largest:
+        if _precision(context) == "single":  # the positions in the Context are rounded already
+            deviation += max(_rounded_force(interaction, x, _SINGLE) for interaction in members)
+        floor = max(_rounded_force(interaction, x) for interaction in members)
+        at_rest = (_AT_REST if _precision(context) == "double" else _AT_REST_SINGLE) * natural
+        if not deviation <= (tolerance * largest if largest > floor else at_rest):
+            of_what = f"{deviation / largest:.2g}" if largest > floor else f"{deviation / natural:.2g} of the stiffness"
             warnings.warn(
-                f"Forces of {family} at these positions carry an error of {deviation / largest:.2g} on "
-                f"{_platform(context)}{_angles(members, x)}: motion so small needs larger angles or double precision.",
+                f"Forces of {family} at these positions carry an error of {of_what} on "
+                f"{_platform(context)}{_angles(members, x)}: motion so small needs larger strains and angles, double precision"
+                f"{_finer_form(members)}.",
                 PreflightWarning,
                 stacklevel=3,
             )
@@ -278,10 +315,25 @@ def _as_moved(model: Model, interaction: Interaction, context: mm.Context) -> In
     return traps.displaced(interaction, np.array(shifts))
 
 
+def _finer_form(members: list[Interaction]) -> str:
+    arccosine = any(interaction.term is bending.Harmonic for interaction in members)
+    return ', or bending.Harmonic(..., form="arctangent")' if arccosine else ""
+
+
+def _rounded_force(interaction: Interaction, x: Array, rounding: float = _ROUNDED) -> float:
+    """What the rounding of the coordinates alone, relative to the largest of them, may make of a force."""
+    return _natural_force(interaction, x) * rounding * float(np.abs(x).max()) / _shortest(interaction, x)
+
+
+def _shortest(interaction: Interaction, x: Array) -> float:
+    """The shortest segment under a term; 1, the length by which the forces of traps are judged, where it has none."""
+    if interaction.term.span == 1:
+        return 1.0
+    pairs = interaction.beads[:, :2]
+    return float(np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=-1).min())
+
+
 def _natural_force(interaction: Interaction, x: Array) -> float:
     """The force that a change of order one (a strain, a radian) would make; of a trap, a displacement by 1."""
-    if interaction.term.span == 1:
-        return interaction.stored_energy(1.0)
-    pairs = interaction.beads[:, :2]
-    length = float(np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=-1).min())
+    length = _shortest(interaction, x)
     return interaction.stored_energy(length) / length

@@ -57,8 +57,10 @@ def energy_gain(model: Model, temperature: float, timestep: float) -> float:
         return units.number("energy", total, "energy")
 
     period = 2 * math.pi / slow_frequency(model, temperature) / timestep
-    stretch = math.ceil(_STRETCH / (2 * math.pi) * period)
     end = min(_PERIODS * period, _BEAD_STEPS / len(positions))
+    stretch = max(
+        min(math.ceil(_STRETCH / (2 * math.pi) * period), int(end / 4)), 1
+    )  # cold chains have endless periods
     done, worst = 0, 0.0
     while done < end and worst < _ENOUGH:
         relaxing = done < min(_PERIODS_TO_RELAX * period, end / 3)

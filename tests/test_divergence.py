@@ -89,7 +89,7 @@ def test_the_message_names_bead_term_lengths_angles_and_step(reporter: Any) -> N
     limit = of.stable_timestep(model).value_in_unit(PS)
     for part in (
         rf"diverged at step {error.step} \(last good frame: step \d+\)",
-        rf"bead {error.bead} is not finite, by the force of {error.term}\.",
+        rf"(is not finite|of the rest shape), by the force of {error.term} on bead {error.bead}\.",
         rf"from bead \d+ to \d+ the segment lengths were {NUMBER}(, {NUMBER})* nm",
         rf"the bending angles {NUMBER}(, {NUMBER})* rad",
         r"the torsions [0-9.e+,\s-]+ rad",
@@ -318,3 +318,35 @@ def test_a_single_bead_seldom_gives_a_false_alarm() -> None:
     check_heat(model, worst, worst, 298, 1)
     with pytest.raises(DivergedError, match="heated up"):
         check_heat(model, worst, 3 * worst, 298, 1)
+
+
+# Energy -------------------------------------------------------------------------------------------------------------
+
+
+def violent(amplitude: float, seed: int) -> app.Simulation:
+    """An undamped helix whose beads begin far from where they rest."""
+    model = of.build(helix())
+    simulation = app.Simulation(model.topology, model.system, of.verlet(model), REFERENCE)
+    x = model.positions.value_in_unit(NM)
+    simulation.context.setPositions(x + amplitude * np.random.default_rng(seed).normal(size=x.shape))
+    simulation.reporters.append(of.watch(model, 20))
+    return simulation
+
+
+def test_a_run_without_thermostat_whose_energy_rises_is_stopped() -> None:
+    """Beads thrown so far that dihedrals line up gain energy at any usual step, and stay finite."""
+    with pytest.raises(DivergedError, match=r"energy of the run must not rise by more than \S+ of that of its motion"):
+        for seed in range(20):
+            violent(0.3, seed).step(2000)
+
+
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
+def test_a_run_that_only_swings_is_not(part: float) -> None:
+    model = of.build(helix(), [Hold(0)])
+    for make in (of.verlet, of.euler_cromer):
+        integrator = make(model, timestep=part * of.stable_timestep(model))
+        simulation = app.Simulation(model.topology, model.system, integrator, REFERENCE)
+        simulation.context.setPositions(model.positions)
+        simulation.context.setVelocitiesToTemperature(1 * unit.kelvin, 1)
+        simulation.reporters.append(of.watch(model, 7))
+        simulation.step(3000)

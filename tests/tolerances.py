@@ -123,3 +123,7 @@ SHIFT = 0.25
 """The shift of a parameter by a wrong model, to first order, against the one found."""
 ERROR_OF_ERROR = 0.15
 """A standard error from some hundreds of effective samples, by two routes."""
+FUZZ = 1e-3
+"""Forces of random scenes against NumPy, over the largest force of a term: what preflight lets pass without a word."""
+FUZZ_AT_REST = 2e-9
+"""The same over the force that a strain or angle of one would make: what preflight lets pass where a scene is at rest."""
