@@ -33,6 +33,9 @@ def _largest(name: str, kind: Any, value: float, tolerance: float) -> Check:
     return Check(name, kind, float(value), 0.0, abs(float(value)), tolerance)
 
 
+LINEAR = 1e-4
+"""Of the motion under a small load against the sum over the modes, over its largest."""
+
 NEGLIGIBLE = 0.01
 """Share of bending in the energy up to which there is torsion only."""
 
@@ -125,7 +128,7 @@ def linear_checks(body: Ring, force: float) -> list[Check]:
         exact = static.modal_opening(body, vector, small.times + small.timestep / 2)
         off = np.abs(small.positions[:, 0] - small.positions[:, -1] - exact).max() / np.abs(exact).max()
         name = f"small load, phi = {ANGLES[phi]}: motion of the ends against the sum over the modes of its strains"
-        checks.append(_largest(name, "exact", float(off), 1e-4))
+        checks.append(_largest(name, "exact", float(off), LINEAR))
     return checks
 
 

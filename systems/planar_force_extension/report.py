@@ -24,6 +24,9 @@ Z_LIMIT = 4.0
 CHANCE = 1e-3
 """Probability of a mean square deviation above its limit where all is well."""
 
+HEADINGS = 1e-7
+"""Of the extension over the contour against the minimum in headings."""
+
 SEEN = 0.01
 """Difference over the contour that is seen in a figure."""
 
@@ -57,7 +60,7 @@ def cold_checks(curves: Sequence[cold.Curve]) -> list[Check]:
         (_heading_error(c.young, p), p.force, c.young) for c in curves for p in c.converged[:: len(c.points) // 4]
     )
     name = f"extension over contour against the minimum in headings, worst at {worst[2]:.3g} Pa and {worst[1]:.3g} N"
-    checks.append(_exact(name, worst[0], 0.0, 1e-7))
+    checks.append(_exact(name, worst[0], 0.0, HEADINGS))
     for curve in curves[:2]:
         top = curve.converged[-1]
         signs = np.sign(chain.signed_bends(top.positions))
