@@ -16,6 +16,7 @@ import openmm_filament as of
 from systems import helix_force_extension, open_ring, stage
 from systems.error_vs_runtime.integrators import made, opened
 from systems.error_vs_runtime.settings import Order, Result, Setting, Study
+from systems.error_vs_runtime.sweeps.vibrations import Scene, measure
 from systems.helix_force_extension import coil
 from systems.open_ring import judgement, ring, static
 from systems.planar_force_extension import chain, cold, report
@@ -25,9 +26,6 @@ __all__ = ["helix_studies", "planar_studies", "ring_studies", "studies"]
 Array = NDArray[np.float64]
 
 NEWTON, MINIMISER, DAMPED, HESSIAN = "Newton (of.equilibrium)", "L-BFGS (OpenMM)", "damped motion", "Hessian"
-
-_SMALL = 1e-4
-"""Force on the ring over that at which its energy peaks at 4 mJ, as in its own check of small motion."""
 
 _REDUCED = 0.1
 """`F l0/alpha` on the planar chain: large motion, and one minimum."""
@@ -138,25 +136,35 @@ def helix_studies(*, quick: bool) -> list[Study]:
     ]  # fmt: skip
 
 
+@cache
+def _ring_force() -> float:
+    return open_ring.force_for(ring.thesis_ring(gap=True), open_ring.PEAK, samples=100)
+
+
 def _ring_swing(setting: Setting, seed: int) -> Result:
-    """Two milliseconds of motion from rest under a small load, against the sum over the modes, over its largest."""
+    """The thesis's run at 45 degrees: kinetic and internal energy less the work done, the largest over the peak."""
     del seed
-    body, force, seconds = ring.thesis_ring(gap=True), _SMALL * 5.0, 2e-3
-    vector = force * (body.opening + np.array([0.0, 0.0, 1.0])) / math.sqrt(2)
+    body, force = ring.thesis_ring(gap=True), _ring_force()
     begun = time.perf_counter()
-    model = ring.loaded(body, vector)
-    timestep = setting.step * of.stable_timestep(model).value_in_unit(unit.second)
-    integrator = made(setting.integrator, model, timestep, 0.0)
-    context = opened(model, integrator, setting.platform, setting.precision)
-    every = max(1, int(1e-5 / timestep))
-    samples = int(seconds / (every * timestep))
-    motion = of.record(model, context, samples, every, observe=lambda x: x[0] - x[-1])
-    wall = time.perf_counter() - begun
-    times = stage.seconds(motion)
-    # leapfrog's velocities are those of half a step before: it was at rest then
-    exact = static.modal_opening(body, vector, times + (0.0 if setting.integrator == "PEFRL" else timestep / 2))
-    found = stage.metres(motion.values) - (body.positions[0] - body.positions[-1])
-    return Result(wall, np.array([np.abs(found - exact + exact[0]).max() / np.abs(exact).max()]))
+    motion = ring.swing(body, force, math.pi / 4, samples=open_ring.FULL[0], step=setting.step)
+    return Result(time.perf_counter() - begun, np.array([motion.imbalance]))
+
+
+@cache
+def _ring_modes() -> tuple[Array, Array]:
+    omega, shapes = static.small_modes(ring.thesis_ring(gap=True))
+    return omega[:4] / (2 * math.pi), shapes[:4]
+
+
+def _ring_lines(setting: Setting) -> tuple[Array, Array, Array]:
+    lines, shapes = _ring_modes()
+    return lines, lines, shapes
+
+
+def _ring_begin(context: mm.Context, model: of.Model) -> None:
+    body = ring.thesis_ring(gap=True)
+    moved = body.positions + 1e-6 * _ring_modes()[1].sum(axis=0)
+    context.setPositions(model.to_internal(moved * unit.meter))
 
 
 def _ring_statics(setting: Setting, seed: int) -> Result:
@@ -173,17 +181,24 @@ def _ring_statics(setting: Setting, seed: int) -> Result:
 
 def ring_studies(*, quick: bool) -> list[Study]:
     """The ring's motion under a small load, and its compliance by segments."""
-    default = Setting(ring.BEADS - 1, open_ring.FULL[1])
-    steps = (0.4, 0.2, 0.1, 0.05) if quick else (0.8, 0.4, 0.2, 0.1, 0.05, 0.025)
-    names = ("Verlet", "PEFRL")
-    settings = [Setting(ring.BEADS - 1, step, name) for name in names for step in steps]
+    beads = ring.BEADS - 1
+    default = Setting(beads, open_ring.FULL[1])
+    steps = (0.4, 0.2, 0.1) if quick else (0.8, 0.4, 0.2, 0.1, 0.05)
+    shorter = (0.8, 0.4, 0.2) if quick else (0.8, 0.4, 0.2, 0.1)
+    scene = Scene(lambda s: of.build(ring.thesis_ring(gap=True).filament), _ring_begin, _ring_lines, 2e-3, 0)
+    lines = [Setting(beads, step, name) for name in ("Verlet", "Euler-Cromer", "PEFRL") for step in shorter]
     sizes = (6, 12, 24, 48, 96) if quick else (6, 12, 24, 48, 96, 192)
     slow = (12, 16) if quick else (12, 16, 24)
     return [
         Study(
-            "open_ring", "motion of the ends, small load", "sum over its modes", _ring_swing,
-            [*settings, Setting(ring.BEADS - 1, 0.2, platform="CPU")],
-            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], default, judgement.LINEAR, share=2.0,
+            "open_ring", "energy balance of the pull at 45 degrees", "energy kept", _ring_swing,
+            [Setting(beads, step) for step in steps],
+            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], default, judgement.BALANCE, share=2.0,
+        ),
+        Study(
+            "open_ring", "four lowest lines", "modes of its strains", partial(measure, scene),
+            [*lines, Setting(beads, 0.8, platform="CPU")],
+            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], share=1.0,
         ),
         Study(
             "open_ring", "radial compliance", "cut ring", _ring_statics,

@@ -34,7 +34,7 @@ PARTIALS = 10
 FRACTIONS, QUICK_FRACTIONS = (0.9, 0.7, 0.5, 0.25), (0.8, 0.4)
 """Time steps over the stability limit."""
 
-ORDER_STEPS = (0.8, 0.4, 0.2, 0.1)
+ORDER_STEPS = (0.8, 0.4, 0.2)
 """The same where the order of convergence is measured."""
 
 ORDER_SEGMENTS = 45
@@ -56,13 +56,15 @@ def _variants(base: Setting, *, opencl: bool, form: bool = True) -> list[Setting
     return out
 
 
-def _of(name: str, setting: Setting) -> bool:
-    return setting.integrator == name and setting.platform == "Reference" and setting.step <= 0.5
+def _of(name: str, longest: float, setting: Setting) -> bool:
+    return setting.integrator == name and setting.platform == "Reference" and setting.step <= longest
 
 
-def _orders(names: tuple[str, ...], floor: float) -> list[Order]:
+def _orders(names: tuple[str, ...], floor: float, longest: float = 0.85) -> list[Order]:
     theory = {"PEFRL": 4.0}
-    return [Order(f"{name}, time step", "step", theory.get(name, 2.0), partial(_of, name), floor) for name in names]
+    return [
+        Order(f"{name}, time step", "step", theory.get(name, 2.0), partial(_of, name, longest), floor) for name in names
+    ]
 
 
 DAMPED, PLAIN = ("Verlet", "Euler-Cromer", "LangevinMiddle"), ("Verlet", "Euler-Cromer")
@@ -109,7 +111,7 @@ def mass_spring_studies(*, quick: bool) -> list[Study]:
     return [
         Study(
             "mass_spring", "lines of 9 masses", "exact chain", partial(measure, scene), settings,
-            _orders((*PLAIN, "PEFRL"), 1e-8), default, digit, share=3.0,
+            _orders((*PLAIN, "PEFRL"), 1e-8, 0.45), default, digit, share=3.0,
         ),
         Study(
             "mass_spring", "first line of a string", "continuous string", partial(measure, long),
@@ -155,7 +157,7 @@ def guitar_studies(*, quick: bool) -> list[Study]:
         _plucked, _resting, partial(_guitar_lines, soft.HARMONICS), 0.02 if quick else 0.04, 0, strings.PLUCKING,
         strings.DAMPING,
     )  # fmt: skip
-    weak = replace(scene, build=partial(_plucked, weaker=5.0), seconds=0.03)
+    weak = replace(scene, build=partial(_plucked, weaker=5.0), seconds=0.015)
     body = replace(scene, lines=_guitar_body, seconds=0.03)
     settings = [
         *_integrators(soft.SEGMENTS, steps, DAMPED, softer=strings.SOFTER),
@@ -236,7 +238,7 @@ def weighted_studies(*, quick: bool) -> list[Study]:
     scene = Scene(
         _loaded, _resting, partial(_weighted_lines, weighted.LINES), 0.03, 0, strings.PLUCKING, strings.DAMPING
     )
-    weak = replace(scene, build=partial(_loaded, weaker=25.0), seconds=0.03)
+    weak = replace(scene, build=partial(_loaded, weaker=25.0), seconds=0.015)
     body = replace(scene, lines=_weighted_body, seconds=0.04)
     steps = QUICK_FRACTIONS if quick else FRACTIONS
     settings = [

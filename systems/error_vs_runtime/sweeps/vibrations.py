@@ -43,7 +43,7 @@ class Scene:
         Sets the chain in motion: moves beads or gives them velocities.
     lines : callable
         Of a setting: the lines (K,) in Hz that its motion is near, those that it ought to have, and what projects the
-        coordinate `axis` (N,) on their shapes, (K, N).
+        coordinate `axis` (N,) on their shapes, (K, N), or all of them, (K, N, 3).
     seconds, skip : float
         Length of the motion that is fitted, and of the pluck before it.
     damping : float
@@ -69,7 +69,12 @@ def play(scene: Scene, setting: Setting, near: Array, shapes: Array) -> tuple[Ar
     scene.begin(context, model)
     every = max(1, int(1 / (_SAMPLES * near.max() * timestep)))
     samples = math.ceil((scene.skip + scene.seconds) / (every * timestep))
-    motion = of.record(model, context, samples, every, observe=lambda x: shapes @ x[:, scene.axis])
+    flat = shapes.reshape(len(shapes), -1)
+
+    def project(x: Array) -> Array:
+        return np.asarray(flat @ (x[:, scene.axis] if shapes.ndim == 2 else x.ravel()))
+
+    motion = of.record(model, context, samples, every, observe=project)
     wall = time.perf_counter() - begun
     after = stage.seconds(motion) > scene.skip + timestep / 2 if scene.skip else slice(None)
     return motion.values[after], every * timestep, timestep, wall
