@@ -47,12 +47,12 @@ def time_to(seconds: Array, errors: Array, wanted: float) -> float:
 
 
 def thermal_time_to(seconds: float, scatter: float, bias: float, wanted: float) -> float:
-    """Wall time after which the root mean square deviation is as wanted: scatter falls as one over the square root of time.
+    """Wall time after which bias and two standard deviations are as wanted: scatter falls as one over the root of time.
 
     Infinite where the bias alone is larger. It reaches beyond the runs made, whose scatter need not be as small.
     """
-    left = wanted**2 - bias**2
-    return seconds * scatter**2 / left if left > 0 else math.inf
+    left = wanted - abs(bias)
+    return seconds * (2 * scatter / left) ** 2 if left > 0 else math.inf
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from systems import strings
 from systems.guitar_string import hard, soft
 from systems.scene import Check
 
-__all__ = ["checks", "findings"]
+__all__ = ["LINE", "checks", "findings"]
 
 Array = NDArray[np.float64]
 

@@ -38,7 +38,7 @@ from systems.open_ring.ring import (
 )
 from systems.scene import Summary
 
-__all__ = ["force_for", "options", "run"]
+__all__ = ["FULL", "PEAK", "force_for", "options", "run"]
 
 PEAK = 4e-3
 """Peak of the internal energy at phi = 0 in J."""

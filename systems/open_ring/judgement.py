@@ -14,7 +14,7 @@ from systems.open_ring.figures import ANGLES, SHAPES
 from systems.open_ring.ring import BEADS, BENDING, PARTS, SEGMENT, TORSION, Ring, Swing, swing
 from systems.scene import Check
 
-__all__ = ["HESSIAN_SIZE", "findings", "linear_checks", "motion_checks", "static_checks"]
+__all__ = ["BALANCE", "HESSIAN_SIZE", "LINEAR", "findings", "linear_checks", "motion_checks", "static_checks"]
 
 Runs = Mapping[tuple[bool, float], Swing]
 Shares = Mapping[bool, Sequence[tuple[float, float]]]

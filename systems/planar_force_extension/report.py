@@ -16,7 +16,7 @@ from systems.planar_force_extension.fits import Fit
 from systems.planar_force_extension.hot import Sampled
 from systems.scene import Check
 
-__all__ = ["claims", "cold_checks", "findings", "hot_checks"]
+__all__ = ["HEADINGS", "claims", "cold_checks", "findings", "hot_checks"]
 
 Z_LIMIT = 4.0
 """Standard errors by which one of a score of points may miss the exact chain."""

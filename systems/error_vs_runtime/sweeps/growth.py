@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
+import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -45,9 +46,9 @@ _SPEND = 0.15
 
 @dataclass(frozen=True)
 class Row:
-    """One measurement: medians with the least and the largest of some repeats; `bytes_per_bead` NaN where not measured.
+    """One measurement: medians with the least and the largest of some repeats; NaN for what was not measured.
 
-    `kind` is "size", "term", "replicas" or "processes".
+    `kind` is "size", "term", "replicas", "processes" or "memory".
     """
 
     kind: str
@@ -59,8 +60,8 @@ class Row:
     ns_per_bead_step: float
     least: float
     most: float
-    build_seconds: float
-    bytes_per_bead: float
+    build_seconds: float = math.nan
+    bytes_per_bead: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,22 +89,22 @@ def _model(beads: int, terms: str, replicas: int = 1) -> of.Model:
 
 
 def _resident() -> float:
-    """Resident memory of this process in bytes; NaN where the system does not say."""
+    """Resident memory of this process in bytes; NaN where the operating system does not say."""
     status = Path("/proc/self/statm")
-    return float(status.read_text().split()[1]) * 4096 if status.exists() else math.nan
+    return float(status.read_text().split()[1]) * resource.getpagesize() if status.exists() else math.nan
 
 
-def timed(beads: int, terms: str, platform: str, repeats: int, *, threads: int = 1, replicas: int = 1, kind: str) -> Row:
+def timed(
+    beads: int, terms: str, platform: str, repeats: int, *, threads: int = 1, replicas: int = 1, kind: str
+) -> Row:
     """Build a chain, run it by Verlet at a tenth of its limit, and time it."""
-    gc.collect()
-    before, begun = _resident(), time.perf_counter()
+    begun = time.perf_counter()
     model = _model(beads, terms, replicas)
     integrator = mm.VerletIntegrator(1e-4)
     properties = {"CPU": {"Threads": str(threads)}, "OpenCL": {"Precision": "mixed"}}.get(platform, {})
     context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName(platform), properties)
     context.setPositions(model.positions)
     built = time.perf_counter() - begun
-    per_bead = (_resident() - before) / (beads * replicas)
     _spend(context, 1)
     steps, spent = 1, _spend(context, 1)
     while spent < _SPEND / 4:
@@ -111,14 +112,13 @@ def timed(beads: int, terms: str, platform: str, repeats: int, *, threads: int =
         spent = _spend(context, steps)
     steps = max(1, round(steps * _SPEND / spent))
     times = sorted(1e9 * _spend(context, steps) / steps / (beads * replicas) for _ in range(repeats))
-    large = per_bead if beads * replicas >= 10_000 else math.nan  # below, the pages of the process hide it
-    return Row(kind, beads, platform, terms, threads, replicas, median(times), times[0], times[-1], built, large)
+    return Row(kind, beads, platform, terms, threads, replicas, median(times), times[0], times[-1], built)
 
 
 def _spend(context: mm.Context, steps: int) -> float:
     begun = time.perf_counter()
     context.getIntegrator().step(steps)
-    context.getState(energy=False)
+    context.getState(positions=True)  # waits for the kernels of OpenCL
     return time.perf_counter() - begun
 
 
@@ -126,6 +126,24 @@ def _process(task: tuple[int, int, int]) -> float:
     """Nanoseconds of a bead and step in a process of its own, of so many replicas."""
     beads, replicas, repeats = task
     return timed(beads, "+ bending", "Reference", repeats, replicas=replicas, kind="processes").ns_per_bead_step
+
+
+def _memory(beads: int) -> float:
+    """Bytes a bead that a model of the whole chain and its Context add to a process that has just begun."""
+    warm = _opened(10)  # what is loaded once is no matter of beads
+    gc.collect()
+    before = _resident()
+    kept = _opened(beads)
+    added = _resident() - before
+    del warm, kept
+    return added / beads
+
+
+def _opened(beads: int) -> tuple[of.Model, mm.Context]:
+    model = _model(beads, WHOLE)
+    context = mm.Context(model.system, mm.VerletIntegrator(1e-4), mm.Platform.getPlatformByName("Reference"))
+    context.setPositions(model.positions)
+    return model, context
 
 
 def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
@@ -136,30 +154,30 @@ def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
     jobs: list[Callable[[], Row]] = []
     for platform in available():
         for threads in {1, cores} if platform == "CPU" else {1}:
-            for beads in sizes if platform != "OpenCL" else sizes[2:]:
-                if platform == "OpenCL" and (quick and beads < 1000):
-                    continue
-                jobs.append(
-                    lambda b=beads, p=platform, t=threads: timed(b, WHOLE, p, repeats, threads=t, kind="size")
-                )
+            few = [n for n in sizes if n in ({1000, 10_000} if quick else {100, 1000, 10_000, 100_000})]
+            for beads in few if platform == "OpenCL" else sizes:
+                jobs.append(lambda b=beads, p=platform, t=threads: timed(b, WHOLE, p, repeats, threads=t, kind="size"))
     jobs += [lambda name=name: timed(1000, name, "Reference", repeats, kind="term") for name in TERMS]
     jobs += [
-        lambda n=n: timed(20, "+ bending", "Reference", repeats, replicas=n, kind="replicas")
-        for n in (1, 4, 16, 64)
+        lambda n=n: timed(20, "+ bending", "Reference", repeats, replicas=n, kind="replicas") for n in (1, 4, 16, 64)
     ]
     rows = []
     for i, job in enumerate(jobs):
         rows.append(job())
         progress((i + 1) / (len(jobs) + 2))
     for workers in sorted({1, cores}):
-        found = run_all(_process, [(20, 16, repeats)] * workers, workers, None)
-        each = [value for value in found if value is not None]
+        finished = run_all(_process, [(20, 16, repeats)] * workers, workers, None)
+        each = [value for value in finished if value is not None]
         # so many processes at once do so many times the work
         whole = median(each) / workers
         rows.append(
-            Row("processes", 20, "Reference", "+ bending", workers, 16, whole, min(each) / workers, max(each) / workers,
-                math.nan, math.nan)
-        )  # fmt: skip
+            Row("processes", 20, "Reference", "+ bending", workers, 16, whole, min(each) / workers, max(each) / workers)
+        )
+    for beads in sizes[-2:]:
+        (found,) = run_all(_memory, [beads], 1, None)
+        nothing = math.nan
+        if found is not None:
+            rows.append(Row("memory", beads, "Reference", WHOLE, 1, 1, nothing, nothing, nothing, bytes_per_bead=found))
     progress(1.0)
     return Growth(rows)
 
@@ -175,7 +193,8 @@ def crossover(slow: list[Row], fast: list[Row]) -> float:
     common = sorted({r.beads for r in slow} & {r.beads for r in fast})
     ratio = [
         math.log(
-            next(r.ns_per_bead_step for r in fast if r.beads == n) / next(r.ns_per_bead_step for r in slow if r.beads == n)
+            next(r.ns_per_bead_step for r in fast if r.beads == n)
+            / next(r.ns_per_bead_step for r in slow if r.beads == n)
         )
         for n in common
     ]

@@ -13,7 +13,6 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
-import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 
@@ -92,9 +91,7 @@ def _dna_filament(setting: Setting) -> of.Filament:
 
 @cache
 def _continuous(force: float) -> float:
-    found = wlc.extension_exact(
-        force, dna.PERSISTENCE, dna.CONTOUR, dna.KT, stretch_modulus=dna.MODULUS, finite=True
-    )
+    found = wlc.extension_exact(force, dna.PERSISTENCE, dna.CONTOUR, dna.KT, stretch_modulus=dna.MODULUS, finite=True)
     return float(found)
 
 
@@ -141,7 +138,12 @@ def _chosen(which: int, effort: float) -> Setting:
     assert chain is not None
     softer = dna.MODULUS / (chain.stretching * chain.bond_length)
     return Setting(
-        chain.segments, plan.choice.step, "LangevinMiddle", softer=float(f"{softer:.2g}"), effort=effort, force=plan.force
+        chain.segments,
+        plan.choice.step,
+        "LangevinMiddle",
+        softer=float(f"{softer:.2g}"),
+        effort=effort,
+        force=plan.force,
     )
 
 
