@@ -122,7 +122,7 @@ def _residuals(ax: Axes, study: Study) -> None:
     """The residual of statics beside the deviation, or how the step matters where no order is asked for."""
     for i, (name, some) in enumerate(_series(study).items()):
         residual = [o.residual for o in some]
-        statics = any(r == r for r in residual)
+        statics = not all(math.isnan(r) for r in residual)
         x = residual if statics else [o.setting.step for o in some]
         ax.plot(x, [o.error for o in some], _MARKERS[i % len(_MARKERS)], color=f"C{i % 10}", ms=5, label=name)
         ax.set_xlabel("largest force left over the load" if statics else _LABELS["step"])

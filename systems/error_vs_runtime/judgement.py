@@ -57,8 +57,7 @@ def checks(studies: Sequence[Study]) -> list[Check]:
             noisy = study.thermal
             room = ORDER + (2 * fit.error if noisy else 0.0)
             name = f"{study.system}, {study.question}: order of convergence, {order.name}"
-            kind = "claim" if order.kind == "claim" else "exact"
-            out.append(Check(name, kind, fit.order, order.theory, abs(fit.order - order.theory), room))
+            out.append(Check(name, order.kind, fit.order, order.theory, abs(fit.order - order.theory), room))
         default, best = default_of(study), recommended(study)
         if study.stated is None or default is None:
             continue
@@ -124,8 +123,8 @@ def _thermal(studies: Sequence[Study]) -> list[str]:
             out.append(
                 f"{study.system}, {study.question}: the default setting deviates by ({100 * default.bias:+.2f} +- "
                 f"{100 * default.bias_error:.2f}) % on average over {len(default.deviations)} seeds, where "
-                f"{100 * study.known(default.setting):+.2f} % are known beforehand, and one run of {default.seconds:.2g} s scatters "
-                f"by {100 * default.scatter:.2g} %."
+                f"{100 * study.known(default.setting):+.2f} % are known beforehand; one run of {default.seconds:.2g} s "
+                f"scatters by {100 * default.scatter:.2g} %."
             )
     return out
 
@@ -151,7 +150,8 @@ def growth_findings(growth: Growth) -> list[str]:
         + ", ".join(f"{ns:.0f} ns with {name}" for name, ns in terms.items())
         + f": leaving out torsion saves {100 * (1 - terms['+ bending'] / whole):.0f} %, bending as well "
         f"{100 * (1 - terms['stretching'] / whole):.0f} %.",
-        f"{largest.beads:,} beads are built in {largest.build_seconds:.2g} s and take {largest.ns_per_bead_step:.0f} ns a bead and step.",
+        f"{largest.beads:,} beads are built in {largest.build_seconds:.2g} s and take "
+        f"{largest.ns_per_bead_step:.0f} ns a bead and step.",
     ]
     memory = [r for r in growth.rows if r.kind == "memory"]
     out += [f"{r.beads:,} beads take {r.bytes_per_bead:.0f} bytes each, model and Context." for r in memory[-1:]]
@@ -161,7 +161,7 @@ def growth_findings(growth: Growth) -> list[str]:
             rows = [r for r in growth.sizes(platform) if r.workers == threads]
             at = growing.crossover(reference, rows)
             name = f"{platform} with {threads} thread{'s' if threads > 1 else ''}" if platform == "CPU" else platform
-            said = f"from {at:.2g} beads up" if at == at else f"never, up to {rows[-1].beads:,} beads"
+            said = f"from {at:.2g} beads up" if math.isfinite(at) else f"never, up to {rows[-1].beads:,} beads"
             out.append(f"{name} is faster than Reference {said}.")
     return [*out, *_replicas(growth.rows)]
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from statistics import median
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +145,7 @@ class Order:
     theory: float
     chosen: Callable[[Setting], bool]
     floor: float = 1e-11
-    kind: str = "exact"
+    kind: Literal["exact", "claim"] = "exact"
 
 
 @dataclass(frozen=True, eq=False)

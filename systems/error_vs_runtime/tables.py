@@ -19,6 +19,12 @@ __all__ = ["WANTED", "front_row", "printed", "times", "write_growth", "write_run
 
 WANTED = (0.1, 0.01, 0.001)
 
+_COLUMNS = (
+    "system", "question", "segments", "step_over_limit", "integrator", "platform", "precision", "bending_form",
+    "method", "bonds_softer", "effort", "force_pN", "default", "repeat", "seconds", "seeds",
+    "deviation", "residual", "error", "bias", "bias_error", "scatter", "median_seconds", "failure",
+)  # fmt: skip
+
 
 def times(study: Study) -> list[float]:
     """Wall seconds to 10 %, 1 % and 0.1 %: on the front, or where there is noise by the law of the scatter.
@@ -71,35 +77,9 @@ def write_table(path: Path, studies: Sequence[Study]) -> None:
 
 def write_runs(path: Path, studies: Sequence[Study]) -> None:
     """`runs.csv`: every run of every setting, with what all runs of its setting give together."""
-    columns = [
-        "system",
-        "question",
-        "segments",
-        "step_over_limit",
-        "integrator",
-        "platform",
-        "precision",
-        "bending_form",
-        "method",
-        "bonds_softer",
-        "effort",
-        "force_pN",
-        "default",
-        "repeat",
-        "seconds",
-        "seeds",
-        "deviation",
-        "residual",
-        "error",
-        "bias",
-        "bias_error",
-        "scatter",
-        "median_seconds",
-        "failure",
-    ]
     with path.open("w", newline="") as out:
         writer = csv.writer(out)
-        writer.writerow(columns)
+        writer.writerow(_COLUMNS)
         for study in studies:
             for o in study.outcomes:
                 s = o.setting

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 PARTIALS = 10
 """Lines of the strings that are held against the continuous body."""
 
-FRACTIONS, QUICK_FRACTIONS = (0.9, 0.7, 0.5, 0.25), (0.8, 0.4)
+FRACTIONS, QUICK_FRACTIONS = (0.9, 0.7, 0.5, 0.25), (0.9, 0.6)
 """Time steps over the stability limit."""
 
 ORDER_STEPS = (0.8, 0.4, 0.2)
@@ -97,13 +97,13 @@ def mass_spring_studies(*, quick: bool) -> list[Study]:
     chain = Chain(9)
     limit = of.stable_timestep(chain.model).value_in_unit(unit.second) * chain.cutoff
     default = Setting(9, mass_spring.PHASE / limit)
-    steps = (0.4, 0.1, 0.025, 0.006) if quick else (0.8, 0.4, 0.2, 0.1, 0.05, 0.025, 0.012, 0.006, 0.003)
+    steps = (0.4, 0.1, 0.02) if quick else (0.8, 0.4, 0.2, 0.1, 0.05, 0.025, 0.012, 0.006, 0.003)
     scene = Scene(lambda s: Chain(s.segments).model, partial(_moved, first=True), _mass_spring_lines, 0.1, 1)
     settings = [
         *_integrators(9, steps, PLAIN),
-        *_integrators(9, (0.8, 0.4, 0.2, 0.1), ("PEFRL",)),
+        *_integrators(9, (0.8, 0.4, 0.2) if quick else (0.8, 0.4, 0.2, 0.1), ("PEFRL",)),
         default,
-        *_variants(Setting(9, 0.2), opencl=True, form=False),
+        *_variants(Setting(9, 0.2), opencl=True, form=False)[: 2 if quick else None],
     ]
     long = Scene(lambda s: Chain(s.segments).model, partial(_moved, first=False), _mass_spring_first, 0.025, 1)
     masses = (1, 3, 7, 15, 31, 63, 127, 255) if quick else (1, 3, 7, 15, 31, 63, 127, 255, 511, 1023)
@@ -115,7 +115,7 @@ def mass_spring_studies(*, quick: bool) -> list[Study]:
         ),
         Study(
             "mass_spring", "first line of a string", "continuous string", partial(measure, long),
-            [Setting(n, step) for n in masses for step in (0.1, 0.8)],
+            [Setting(n, step) for n in masses for step in (0.1, 0.4)],
             [Order("masses", "segments", -1.0, lambda s: s.step == 0.1 and s.segments >= 15)], share=1.0,
         ),
     ]  # fmt: skip
@@ -157,11 +157,11 @@ def guitar_studies(*, quick: bool) -> list[Study]:
         _plucked, _resting, partial(_guitar_lines, soft.HARMONICS), 0.02 if quick else 0.04, 0, strings.PLUCKING,
         strings.DAMPING,
     )  # fmt: skip
-    weak = replace(scene, build=partial(_plucked, weaker=5.0), seconds=0.015)
+    weak = replace(scene, build=partial(_plucked, weaker=5.0), seconds=0.006 if quick else 0.015)
     body = replace(scene, lines=_guitar_body, seconds=0.03)
     settings = [
         *_integrators(soft.SEGMENTS, steps, DAMPED, softer=strings.SOFTER),
-        Setting(soft.SEGMENTS, 0.9, "PEFRL", softer=strings.SOFTER),
+        *(() if quick else (Setting(soft.SEGMENTS, 0.9, "PEFRL", softer=strings.SOFTER),)),
         default,
         *_variants(Setting(soft.SEGMENTS, 0.8, softer=strings.SOFTER), opencl=not quick),
     ]
@@ -236,18 +236,24 @@ def weighted_studies(*, quick: bool) -> list[Study]:
     top = float(_loaded_modes(weighted.SEGMENTS).undamped[weighted.LINES - 1])
     stated = 1.2 * ((2 * math.pi * top * timestep) ** 2 / 24 + strings.DAMPING * timestep / 4)
     scene = Scene(
-        _loaded, _resting, partial(_weighted_lines, weighted.LINES), 0.03, 0, strings.PLUCKING, strings.DAMPING
+        _loaded,
+        _resting,
+        partial(_weighted_lines, weighted.LINES),
+        0.02 if quick else 0.03,
+        0,
+        strings.PLUCKING,
+        strings.DAMPING,
     )
-    weak = replace(scene, build=partial(_loaded, weaker=25.0), seconds=0.015)
+    weak = replace(scene, build=partial(_loaded, weaker=25.0), seconds=0.006 if quick else 0.015)
     body = replace(scene, lines=_weighted_body, seconds=0.04)
     steps = QUICK_FRACTIONS if quick else FRACTIONS
     settings = [
         *_integrators(weighted.SEGMENTS, steps, DAMPED, softer=strings.SOFTER),
-        Setting(weighted.SEGMENTS, 0.9, "PEFRL", softer=strings.SOFTER),
+        *(() if quick else (Setting(weighted.SEGMENTS, 0.9, "PEFRL", softer=strings.SOFTER),)),
         default,
         *_variants(Setting(weighted.SEGMENTS, 0.8, softer=strings.SOFTER), opencl=False),
     ]
-    sizes = (30, 60, 90, 150, 210) if quick else (30, 60, 90, 150, 210, 300)
+    sizes = (30, 60, 90, 150) if quick else (30, 60, 90, 150, 210, 300)
     return [
         Study(
             "weighted_string", "lines 1 to 20 of 210 segments", "exact discrete string", partial(measure, scene), settings,
@@ -299,8 +305,8 @@ def bar_studies(*, quick: bool) -> list[Study]:
     full = Setting(xylophone_bar.FULL["free"], xylophone_bar.step_of(xylophone_bar.FULL["free"]))
     scene, body = (Scene(build, _struck, lines, 2e-3, 0) for lines in (_bar_lines, _bar_body))
     weak = replace(scene, begin=partial(_struck, weaker=10.0))
-    steps = (0.8, 0.5) if quick else (0.95, 0.8, 0.5, 0.25, 0.12)
-    sizes = (10, 15, 20, 30, 45, 60) if quick else (10, 15, 20, 30, 45, 60, 90, 120)
+    steps = (0.8,) if quick else (0.95, 0.8, 0.5, 0.25, 0.12)
+    sizes = (10, 15, 20, 30, 45) if quick else (10, 15, 20, 30, 45, 60, 90, 120)
     variants = _variants(Setting(segments, 0.5), opencl=not quick)
     return [
         Study(

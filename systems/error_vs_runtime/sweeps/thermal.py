@@ -150,12 +150,13 @@ def _chosen(which: int, effort: float) -> Setting:
 def dna_studies(*, quick: bool) -> list[Study]:
     """The DNA at a small and at a middling force, by segments and length of the runs; the time step by itself."""
     out = []
-    efforts = (8.0, 32.0) if quick else (10.0, 40.0, 160.0)
-    for which, others, share in ((1, (12, 32), 1.0), (5, (16, 36, 72), 6.0)):
+    efforts = (5.0, 20.0) if quick else (10.0, 40.0, 160.0)
+    for which, others, share in ((1, (12, 32), 1.0), (5, (36, 72), 6.0)):
         default = _chosen(which, efforts[-1])
         cuts = [default, *(replace(default, segments=n) for n in others)]
         settings = [replace(s, effort=e) for s in cuts for e in efforts]
-        settings += [replace(default, step=step) for step in (0.35, 0.7)]
+        if which == 1 or not quick:
+            settings += [replace(default, step=step) for step in (0.35, 0.7)]
         if which == 1:
             settings.append(replace(default, softer=1.0))
             settings += [replace(default, platform="CPU")] if "CPU" in available() else []
@@ -200,9 +201,9 @@ def helix_studies(*, quick: bool) -> list[Study]:
     model = of.build(helix.filament())
     limit = float(of.stable_timestep(model) / unit.picosecond) / model.scale.factor("time")
     default = Setting(
-        helix.SEGMENTS, thermal_step(model, helix.KELVIN) / limit, "LangevinMiddle", effort=8.0 if quick else 32.0
+        helix.SEGMENTS, thermal_step(model, helix.KELVIN) / limit, "LangevinMiddle", effort=4.0 if quick else 32.0
     )
-    efforts = (2.0, 8.0) if quick else (2.0, 8.0, 32.0)
+    efforts = (1.0, 4.0) if quick else (2.0, 8.0, 32.0)
     settings = [replace(default, effort=e) for e in efforts]
     settings += [replace(default, step=part * default.step) for part in (0.5, 1.5)]
     order = Order("scatter, length of the run", "effort", -0.5, partial(_alike, default), kind="claim")
@@ -229,7 +230,7 @@ def _planar(setting: Setting, seed: int) -> Result:
 
 def planar_studies(*, quick: bool) -> list[Study]:
     """The planar chain with `k_B T` as large as a joint's bending stiffness, by the length of the run in beads times steps."""
-    efforts = (4e4, 1.6e5) if quick else (4e4, 1.6e5, 6.4e5, 2.56e6)
+    efforts = (2e4, 1e5) if quick else (4e4, 1.6e5, 6.4e5, 2.56e6)
     settings = [Setting(30, math.nan, "LangevinMiddle", effort=e, force=1.0) for e in efforts]
     order = Order("scatter, length of the run", "effort", -0.5, lambda s: True, kind="claim")
     return [
