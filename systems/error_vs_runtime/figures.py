@@ -68,8 +68,8 @@ def _front(ax: Axes, study: Study) -> None:
             "stated", (0.99, study.stated), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8
         )
     for o, size, colour, name in (
-        (next((o for o in good if o.setting == study.default), None), 14, "C3", "the system's default"),
-        (recommended(study), 19, "C2", "recommended"),
+        (next((o for o in good if o.setting == study.default), None), 12, "C3", "the system's default"),
+        (recommended(study), 16, "C2", "recommended"),
     ):
         if o is not None:
             ax.plot(o.seconds, o.error, "o", ms=size, mfc="none", mec=colour, mew=1.5, label=name)
@@ -80,7 +80,7 @@ def _front(ax: Axes, study: Study) -> None:
     )  # fmt: skip
     ax.title.set_fontsize(10)
     ax.grid(alpha=0.25)
-    ax.legend(fontsize=7)
+    ax.legend(fontsize=7, labelspacing=0.8)
 
 
 _LABELS = {
@@ -91,6 +91,8 @@ _LABELS = {
 
 
 def _convergence(ax: Axes, study: Study) -> None:
+    from matplotlib.ticker import NullFormatter
+
     if not study.orders:
         _residuals(ax, study)
         return
@@ -108,12 +110,16 @@ def _convergence(ax: Axes, study: Study) -> None:
             label=f"{order.name}: measured {measured}, theory {order.theory:g}",
         )  # fmt: skip
         if len(x) and math.isfinite(y[-1]) and y.max() > 0:
-            anchor = int(np.argmax(y))
+            anchor = int(np.argmin(y)) if order.variable == "segments" else int(np.argmax(y))
             grid = np.geomspace(x.min(), x.max(), 30)
             ax.plot(grid, y[anchor] * (grid / x[anchor]) ** order.theory, color=f"C{i}", lw=0.8, ls="--")
     what = "scatter over seeds" if study.orders[0].variable == "effort" else "error"
     ax.set(xscale="log", yscale="log", xlabel=_LABELS[study.orders[0].variable], ylabel=what)
     ax.set_title("convergence (dashed: theory)", fontsize=10)
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = axis.get_view_interval()
+        if high > 8 * low:  # a decade or so: its own ticks say enough
+            axis.set_minor_formatter(NullFormatter())
     ax.grid(alpha=0.25, which="both")
     ax.legend(fontsize=7)
 
@@ -152,15 +158,11 @@ def draw_growth(path: Path, growth: Growth) -> None:
     build.plot(
         [r.beads for r in rows], [r.build_seconds for r in rows], "o-", color="C0", label="filament, model, Context"
     )
-    build.set(xscale="log", yscale="log", xlabel="beads", ylabel="seconds", title="Building, and memory")
+    build.set(xscale="log", yscale="log", xlabel="beads", ylabel="seconds", title="Building")
     build.grid(alpha=0.25)
     memory = [r for r in growth.rows if r.kind == "memory"]
-    for r in memory:
-        build.annotate(
-            f"{r.bytes_per_bead:.0f} bytes a bead", (r.beads, rows[-1].build_seconds), rotation=90, fontsize=9, color="C3",
-            xytext=(-14, -4), textcoords="offset points", va="top",
-        )  # fmt: skip
-        build.axvline(r.beads, color="C3", lw=0.6, ls=":")
+    if memory:
+        build.set_title(f"Building; memory {memory[-1].bytes_per_bead:.0f} bytes a bead (of {memory[-1].beads:,})")
     build.legend(fontsize=8)
     _wide(wide, growth)
     figure.suptitle("Growth: what a bead and step cost", fontsize=13)

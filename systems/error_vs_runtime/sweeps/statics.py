@@ -21,7 +21,7 @@ from systems.helix_force_extension import coil
 from systems.open_ring import judgement, ring, static
 from systems.planar_force_extension import chain, cold, report
 
-__all__ = ["helix_studies", "planar_studies", "ring_studies", "studies"]
+__all__ = ["helix_studies", "planar_studies", "ring_studies"]
 
 Array = NDArray[np.float64]
 
@@ -214,8 +214,3 @@ def _verlet(setting: Setting) -> bool:
 
 def _by(method: str, setting: Setting) -> bool:
     return setting.method == method and 12 <= setting.segments <= 96
-
-
-def studies(*, quick: bool) -> list[Study]:
-    """All of them."""
-    return [study for make in (ring_studies, planar_studies, helix_studies) for study in make(quick=quick)]

@@ -24,7 +24,7 @@ from systems.mass_spring.chain import Chain, continuum_frequency
 from systems.weighted_string import chain as weighted
 from systems.xylophone_bar import bar, judgement
 
-__all__ = ["loaded_string", "studies"]
+__all__ = ["bar_studies", "guitar_studies", "loaded_string", "mass_spring_studies", "weighted_studies"]
 
 Array = NDArray[np.float64]
 
@@ -324,9 +324,3 @@ def bar_studies(*, quick: bool) -> list[Study]:
             [Order("segments", "segments", -2.0, lambda s: s.step == 0.25 and s.segments >= 20)], share=4.0,
         ),
     ]  # fmt: skip
-
-
-def studies(*, quick: bool) -> list[Study]:
-    """All of them."""
-    made = (mass_spring_studies, guitar_studies, weighted_studies, bar_studies)
-    return [study for make in made for study in make(quick=quick)]
