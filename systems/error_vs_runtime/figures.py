@@ -79,8 +79,21 @@ def _front(ax: Axes, study: Study) -> None:
         title=f"{study.question}\nagainst: {study.exact}",
     )  # fmt: skip
     ax.title.set_fontsize(10)
+    _ticks(ax)
     ax.grid(alpha=0.25)
     ax.legend(fontsize=7, labelspacing=0.8)
+
+
+def _ticks(ax: Axes) -> None:
+    """Numbers at 1, 2 and 5 where an axis spans less than two decades: the usual ones would run into one another."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = axis.get_view_interval()
+        if high < 100 * low:
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 _LABELS = {
@@ -91,8 +104,6 @@ _LABELS = {
 
 
 def _convergence(ax: Axes, study: Study) -> None:
-    from matplotlib.ticker import NullFormatter
-
     if not study.orders:
         _residuals(ax, study)
         return
@@ -109,19 +120,35 @@ def _convergence(ax: Axes, study: Study) -> None:
             x, y, _MARKERS[i], color=f"C{i}", ms=9 - 2 * i if len(study.orders) > 1 else 6, mfc="none" if i else None,
             label=f"{order.name}: measured {measured}, theory {order.theory:g}",
         )  # fmt: skip
+        if scatter:
+            _apart(ax, study, [chosen[k] for k in by])
         if len(x) and math.isfinite(y[-1]) and y.max() > 0:
             anchor = int(np.argmin(y)) if order.variable == "segments" else int(np.argmax(y))
             grid = np.geomspace(x.min(), x.max(), 30)
             ax.plot(grid, y[anchor] * (grid / x[anchor]) ** order.theory, color=f"C{i}", lw=0.8, ls="--")
-    what = "scatter over seeds" if study.orders[0].variable == "effort" else "error"
+    what = "scatter over seeds, and bias" if study.orders[0].variable == "effort" else "error"
     ax.set(xscale="log", yscale="log", xlabel=_LABELS[study.orders[0].variable], ylabel=what)
     ax.set_title("convergence (dashed: theory)", fontsize=10)
-    for axis in (ax.xaxis, ax.yaxis):
-        low, high = axis.get_view_interval()
-        if high > 8 * low:  # a decade or so: its own ticks say enough
-            axis.set_minor_formatter(NullFormatter())
+    _ticks(ax)
     ax.grid(alpha=0.25, which="both")
     ax.legend(fontsize=7)
+
+
+def _apart(ax: Axes, study: Study, some: Sequence[Outcome]) -> None:
+    """The bias of thermal runs beside their scatter, measured and as it is known beforehand; standard errors of both."""
+    assert study.known is not None
+    x = [o.setting.effort for o in some]
+    scatter = np.array([o.scatter for o in some])
+    ax.errorbar(
+        x, scatter, [o.scatter / math.sqrt(2 * (len(o.deviations) - 1)) for o in some], fmt="none", color="C0", capsize=2
+    )  # fmt: skip
+    bias = np.abs([o.bias for o in some])
+    ax.errorbar(
+        x, bias, [o.bias_error for o in some], fmt="D", color="C3", ms=5, capsize=2, label="size of the bias, measured"
+    )
+    known = abs(study.known(some[-1].setting))
+    if known > 0:
+        ax.axhline(known, color="C3", lw=1, ls=":", label="bias known beforehand")
 
 
 def _residuals(ax: Axes, study: Study) -> None:
@@ -134,6 +161,7 @@ def _residuals(ax: Axes, study: Study) -> None:
         ax.set_xlabel("largest force left over the load" if statics else _LABELS["step"])
         ax.set_title("deviation and residual" if statics else "error by time step", fontsize=10)
     ax.set(xscale="log", yscale="log", ylabel="largest relative error")
+    _ticks(ax)
     ax.grid(alpha=0.25, which="both")
     ax.legend(fontsize=7)
 

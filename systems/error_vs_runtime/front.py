@@ -98,6 +98,6 @@ def fitted(order: Order, outcomes: Sequence[Outcome]) -> Fit:
 
 
 def cheapest(study: Study, wanted: float) -> Outcome | None:
-    """The setting that meets an error in the shortest time, all of its runs counted by their median; None without one."""
-    good = [o for o in study.outcomes if o.results and o.error <= wanted]
+    """The admitted setting that meets an error in the shortest (median) time; None without one."""
+    good = [o for o in study.outcomes if o.results and o.error <= wanted and study.admitted(o.setting)]
     return min(good, key=lambda o: o.seconds, default=None)

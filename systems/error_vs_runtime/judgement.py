@@ -40,7 +40,8 @@ def recommended(study: Study) -> Outcome | None:
     if study.known is None:
         best = cheapest(study, study.stated)
     else:
-        good = [o for o in study.outcomes if o.results and math.isfinite(_cost(study, o))]
+        alike = [o for o in study.outcomes if study.admitted(o.setting)]
+        good = [o for o in alike if o.results and math.isfinite(_cost(study, o))]
         best = min(good, key=lambda o: _cost(study, o), default=None)
     default = default_of(study)
     if best is not None and default is not None and _cost(study, default) <= ALIKE * _cost(study, best):

@@ -170,6 +170,8 @@ class Study:
         Expected part of the time of all studies, for progress.
     known : callable, optional
         The bias of a thermal setting that is known beforehand.
+    admitted : callable
+        Which settings may be recommended: those that do all that the system needs.
     """
 
     system: str
@@ -182,6 +184,7 @@ class Study:
     stated: float | None = None
     share: float = 1.0
     known: Callable[[Setting], float] | None = None
+    admitted: Callable[[Setting], bool] = lambda setting: True
     outcomes: Sequence[Outcome] = field(default_factory=tuple)
 
     @property

@@ -157,7 +157,7 @@ def _chosen(which: int, effort: float) -> Setting:
 def dna_studies(*, quick: bool) -> list[Study]:
     """The DNA at a small and at a middling force, by segments and length of the runs; the time step by itself."""
     out = []
-    efforts = (5.0, 20.0) if quick else (10.0, 40.0, 160.0)
+    efforts = (4.0, 12.0) if quick else (10.0, 40.0, 160.0)
     for which, others, share in ((1, (12, 32), 1.0), (5, (36, 72), 6.0)):
         default = _chosen(which, efforts[-1])
         cuts = [default, *(replace(default, segments=n) for n in others)]
@@ -173,6 +173,7 @@ def dna_studies(*, quick: bool) -> list[Study]:
                 partial(_pull, discrete=False), settings,
                 [Order("scatter, length of the run", "effort", -0.5, partial(_alike, default), kind="claim")],
                 default, float(dna.wanted_errors(None, quick=False)[which]), share, partial(_envelope, cuts),
+                partial(_as_long, default),
             )
         )  # fmt: skip
     if not quick:  # nothing less than minutes tells the bias of a step from noise
@@ -186,6 +187,10 @@ def dna_studies(*, quick: bool) -> list[Study]:
             )
         )  # fmt: skip
     return out
+
+
+def _as_long(default: Setting, setting: Setting) -> bool:
+    return setting.effort == default.effort
 
 
 def _alike(default: Setting, setting: Setting) -> bool:
@@ -237,7 +242,7 @@ def _planar(setting: Setting, seed: int) -> Result:
 
 def planar_studies(*, quick: bool) -> list[Study]:
     """The planar chain with `k_B T` as large as a joint's bending stiffness, by the length of the run in beads times steps."""
-    efforts = (2e4, 1e5) if quick else (4e4, 1.6e5, 6.4e5, 2.56e6)
+    efforts = (4e5, 1.6e6) if quick else (4e5, 1.6e6, 6.4e6)
     settings = [Setting(30, math.nan, "LangevinMiddle", effort=e, force=1.0) for e in efforts]
     order = Order("scatter, length of the run", "effort", -0.5, lambda s: True, kind="claim")
     return [
