@@ -165,7 +165,7 @@ def dna_studies(*, quick: bool) -> list[Study]:
         if which == 1 or not quick:
             settings += [replace(default, step=step) for step in (0.35, 0.7)]
         if which == 1:
-            settings.append(replace(default, softer=1.0))
+            settings += [] if quick else [replace(default, softer=1.0)]
             settings += [replace(default, platform="CPU")] if "CPU" in available() else []
         out.append(
             Study(
