@@ -311,7 +311,7 @@ def bar_studies(*, quick: bool) -> list[Study]:
     scene, body = (Scene(build, _struck, lines, 2e-3, 0) for lines in (_bar_lines, _bar_body))
     weak = replace(scene, begin=partial(_struck, weaker=10.0))
     steps = (0.8,) if quick else (0.95, 0.8, 0.5, 0.25, 0.12)
-    sizes = (10, 15, 20, 30, 45) if quick else (10, 15, 20, 30, 45, 60, 90, 120)
+    sizes = (10, 15, 20, 30, 60) if quick else (10, 15, 20, 30, 45, 60, 90, 120)
     variants = _variants(Setting(segments, 0.5), opencl=not quick)
     return [
         Study(

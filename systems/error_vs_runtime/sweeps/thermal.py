@@ -157,7 +157,7 @@ def _chosen(which: int, effort: float) -> Setting:
 def dna_studies(*, quick: bool) -> list[Study]:
     """The DNA at a small and at a middling force, by segments and length of the runs; the time step by itself."""
     out = []
-    efforts = (4.0, 12.0) if quick else (10.0, 40.0, 160.0)
+    efforts = (4.0, 12.0) if quick else (6.0, 18.0, 54.0)
     for which, others, share in ((1, (12, 32), 1.0), (5, (36, 72), 6.0)):
         default = _chosen(which, efforts[-1])
         cuts = [default, *(replace(default, segments=n) for n in others)]
@@ -165,7 +165,7 @@ def dna_studies(*, quick: bool) -> list[Study]:
         if which == 1 or not quick:
             settings += [replace(default, step=step) for step in (0.35, 0.7)]
         if which == 1:
-            settings += [] if quick else [replace(default, softer=1.0)]
+            settings += [] if quick else [replace(default, softer=1.0, effort=efforts[0])]
             settings += [replace(default, platform="CPU")] if "CPU" in available() else []
         out.append(
             Study(
@@ -213,9 +213,9 @@ def helix_studies(*, quick: bool) -> list[Study]:
     model = of.build(helix.filament())
     limit = float(of.stable_timestep(model) / unit.picosecond) / model.scale.factor("time")
     default = Setting(
-        helix.SEGMENTS, thermal_step(model, helix.KELVIN) / limit, "LangevinMiddle", effort=4.0 if quick else 32.0
+        helix.SEGMENTS, thermal_step(model, helix.KELVIN) / limit, "LangevinMiddle", effort=4.0 if quick else 16.0
     )
-    efforts = (1.0, 4.0) if quick else (2.0, 8.0, 32.0)
+    efforts = (1.0, 4.0) if quick else (2.0, 8.0, 16.0)
     settings = [replace(default, effort=e) for e in efforts]
     settings += [replace(default, step=part * default.step) for part in (0.5, 1.5)]
     order = Order("scatter, length of the run", "effort", -0.5, partial(_alike, default), kind="claim")
@@ -227,7 +227,7 @@ def helix_studies(*, quick: bool) -> list[Study]:
     ]  # fmt: skip
 
 
-_SEEDS = 6
+_SEEDS = 4
 """Runs of the planar chain in one repeat, each of 16 replicas that mirror moves help over their barriers."""
 
 
