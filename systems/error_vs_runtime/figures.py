@@ -85,13 +85,14 @@ def _front(ax: Axes, study: Study) -> None:
 
 
 def _ticks(ax: Axes) -> None:
-    """Numbers at 1, 2 and 5 where an axis spans less than two decades: the usual ones would run into one another."""
+    """Few round numbers where an axis spans less than two decades: the usual ones would run into one another."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis in (ax.xaxis, ax.yaxis):
         low, high = axis.get_view_interval()
         if high < 100 * low:
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            few = (1.0, 2.0, 5.0) if high > 8 * low else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
+            axis.set_major_locator(LogLocator(subs=few))
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
 
