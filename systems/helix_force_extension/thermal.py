@@ -22,7 +22,21 @@ from openmm_filament.starts import equilibrium_starts
 from systems import stage
 from systems.scene import Check
 
-__all__ = ["FRAMES", "SIGMAS", "TORSION", "Sampled", "checks", "deviations", "numbers", "sampled", "write"]
+__all__ = [
+    "FRAMES",
+    "KELVIN",
+    "SEGMENTS",
+    "SIGMAS",
+    "TORSION",
+    "Sampled",
+    "checks",
+    "deviations",
+    "exact",
+    "filament",
+    "numbers",
+    "sampled",
+    "write",
+]
 
 Array = NDArray[np.float64]
 
@@ -56,7 +70,7 @@ class Sampled:
     exact: Array
 
 
-def _filament(torsion: float = TORSION) -> of.Filament:
+def filament(torsion: float = TORSION) -> of.Filament:
     """The helix, its torsion in kJ/mol."""
     kj = unit.kilojoule_per_mole
     return of.Filament(
@@ -70,9 +84,9 @@ def _filament(torsion: float = TORSION) -> of.Filament:
     )
 
 
-def _exact() -> Array:
+def exact() -> Array:
     """`<t_n . t_0>`, (SEGMENTS,), by the product of mean rotations; energies in kJ/mol, of which it takes only ratios."""
-    x = _filament().rest.value_in_unit(unit.nanometer)
+    x = filament().rest.value_in_unit(unit.nanometer)
     return of.wlc.tangent_correlation_discrete(
         SEGMENTS - 1,
         bending=BENDING,
@@ -87,7 +101,7 @@ def sampled(
     samples: int, seed: int, *, torsion: float = TORSION, progress: Callable[[float], None] | None = None
 ) -> Sampled:
     """Run `CHAINS` helices with a Langevin thermostat, from shapes drawn from equilibrium."""
-    helix = _filament(torsion)
+    helix = filament(torsion)
     model = of.build([helix] * CHAINS)
     noise = 1 + seed % (2**31 - 2)
     integrator = of.langevin(model, KELVIN * unit.kelvin, seed=noise)
@@ -104,7 +118,7 @@ def sampled(
         motion.values[:, beads],
         stage.seconds(motion),
         of.analysis.tangent_correlation(motion.values, atoms=beads),
-        _exact(),
+        exact(),
     )
 
 
@@ -147,7 +161,7 @@ def checks(run: Sampled) -> list[Check]:
 
 def _bond() -> float:
     """Rest length of a segment in nm."""
-    x = _filament().rest.value_in_unit(unit.nanometer)
+    x = filament().rest.value_in_unit(unit.nanometer)
     return float(np.linalg.norm(x[1] - x[0]))
 
 

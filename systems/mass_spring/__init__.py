@@ -16,11 +16,11 @@ from systems.mass_spring import continuum, convergence, energy, figures, picture
 from systems.mass_spring.chain import LENGTH, MASS, TENSION, Chain
 from systems.scene import Summary
 
-__all__ = ["options", "run"]
+__all__ = ["PHASE", "options", "run"]
 
-_PHASE = 0.003
+PHASE = 0.003
 """Time step times the chain's cutoff frequency, for the table: leapfrog shifts a line by its square/24, 4e-7."""
-_QUICK_PHASE = 0.006
+QUICK_PHASE = 0.006
 _COARSE = 0.02
 """The same for amplitudes and stiffnesses, where lines at this very step are compared with one another."""
 _SHORT = 0.25
@@ -48,7 +48,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     chains = [Chain(masses, ratio) for masses in table.THESIS]
     for chain in reversed(chains):  # the longest has the closest lines
         table.refuse_short(chain, seconds)
-    phase = _QUICK_PHASE if quick else _PHASE
+    phase = QUICK_PHASE if quick else PHASE
     with stage.progress("masses on springs") as show:
         measured = [table.measure(chain, seconds, timestep=phase / chain.cutoff) for chain in chains]
         show(0.15)

@@ -38,13 +38,17 @@ from systems.open_ring.ring import (
 )
 from systems.scene import Summary
 
-__all__ = ["force_for", "options", "run"]
+__all__ = ["FULL", "PEAK", "force_for", "options", "run"]
 
 PEAK = 4e-3
 """Peak of the internal energy at phi = 0 in J."""
 
 SIZES = (13, 25, 49, 100, 200, 400)
 """Beads of the rings whose deflections are compared with the cut ring's."""
+
+
+FULL, QUICK = (500, 0.1), (200, 0.2)
+"""Samples of a run, and its time step over the stability limit, at most; the second with `--quick`."""
 
 
 def options(group: argparse._ArgumentGroup) -> None:
@@ -62,7 +66,7 @@ def force_for(body: Ring, peak: float, *, samples: int = 500) -> float:
 def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) -> int:
     """Run the ring, write the results into `folder`; 1 if an exact check fails, else 0. Nothing is random: no seed."""
     begun = time.perf_counter()
-    samples, step = (200, 0.2) if quick else (500, 0.1)
+    samples, step = QUICK if quick else FULL
     bodies = {gap: thesis_ring(gap=gap) for gap in SHAPES}
     forces = {gap: force_for(body, PEAK, samples=samples) for gap, body in bodies.items()}
     runs: dict[tuple[bool, float], Swing] = {}

@@ -14,7 +14,7 @@ from systems.open_ring.figures import ANGLES, SHAPES
 from systems.open_ring.ring import BEADS, BENDING, PARTS, SEGMENT, TORSION, Ring, Swing, swing
 from systems.scene import Check
 
-__all__ = ["HESSIAN_SIZE", "findings", "linear_checks", "motion_checks", "static_checks"]
+__all__ = ["BALANCE", "HESSIAN_SIZE", "LINEAR", "findings", "linear_checks", "motion_checks", "static_checks"]
 
 Runs = Mapping[tuple[bool, float], Swing]
 Shares = Mapping[bool, Sequence[tuple[float, float]]]
@@ -34,6 +34,9 @@ def _largest(name: str, kind: Any, value: float, tolerance: float) -> Check:
     """A check of a number that should be zero."""
     return Check(name, kind, float(value), 0.0, abs(float(value)), tolerance)
 
+
+LINEAR = 1e-4
+"""Of the motion under a small load against the sum over the modes, over its largest."""
 
 NEGLIGIBLE = 0.01
 """Share of bending in the energy up to which there is torsion only."""
@@ -127,7 +130,7 @@ def linear_checks(body: Ring, force: float) -> list[Check]:
         exact = static.modal_opening(body, vector, small.times + small.timestep / 2)
         off = np.abs(small.positions[:, 0] - small.positions[:, -1] - exact).max() / np.abs(exact).max()
         name = f"small load, phi = {ANGLES[phi]}: motion of the ends against the sum over the modes of its strains"
-        checks.append(_largest(name, "exact", float(off), 1e-4))
+        checks.append(_largest(name, "exact", float(off), LINEAR))
     return checks
 
 

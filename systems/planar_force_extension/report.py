@@ -16,7 +16,7 @@ from systems.planar_force_extension.fits import Fit
 from systems.planar_force_extension.hot import Sampled
 from systems.scene import Check
 
-__all__ = ["claims", "cold_checks", "compared", "findings", "hot_checks"]
+__all__ = ["HEADINGS", "claims", "cold_checks", "compared", "findings", "hot_checks"]
 
 Z_LIMIT = 4.0
 """Standard errors by which one of a score of points may miss the exact chain."""
@@ -26,6 +26,9 @@ CHANCE = 1e-3
 
 R_HAT = 1.1
 """Largest R-hat of chains that have forgotten where they started; other points are shown and not compared."""
+
+HEADINGS = 1e-7
+"""Of the extension over the contour against the minimum in headings."""
 
 SEEN = 0.01
 """Difference over the contour that is seen in a figure."""
@@ -60,7 +63,7 @@ def cold_checks(curves: Sequence[cold.Curve]) -> list[Check]:
         (_heading_error(c.young, p), p.force, c.young) for c in curves for p in c.converged[:: len(c.points) // 4]
     )
     name = f"extension over contour against the minimum in headings, worst at {worst[2]:.3g} Pa and {worst[1]:.3g} N"
-    checks.append(_exact(name, worst[0], 0.0, 1e-7))
+    checks.append(_exact(name, worst[0], 0.0, HEADINGS))
     for curve in curves[:2]:
         top = curve.converged[-1]
         signs = np.sign(chain.signed_bends(top.positions))

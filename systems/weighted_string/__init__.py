@@ -26,10 +26,12 @@ from systems.scene import Check, Summary
 from systems.weighted_string import chain, figures, remainder
 from systems.weighted_string.chain import CASES, LINES, Playing
 
-__all__ = ["options", "run"]
+__all__ = ["RATE", "options", "run"]
 
 _FRAMES = 160
 _EXAGGERATE = 1000.0
+RATE, QUICK_RATE = (48_000, 4), (6_000, 8)
+"""Samples a second, and steps between two."""
 _HARMONIC = 0.01
 """How far the ratio of two pitches may be from a whole number for harmonics."""
 
@@ -48,8 +50,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     segments = (30 if quick else chain.SEGMENTS) if options.segments is None else options.segments
     if segments % 30 or segments < 30:
         raise ValueError(f"Argument `--segments` must be a multiple of 30, but is {segments}.")
-    # the highest transverse modes, at 38 kHz in 210 segments, would fold into the spectrum of slower samples at 1e-4 of it
-    rate, every = (6_000, 8) if quick else (48_000, 4)
+    rate, every = QUICK_RATE if quick else RATE
     runs = []
     for case in CASES:
         with stage.progress(case.label) as show:

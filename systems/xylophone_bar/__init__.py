@@ -23,7 +23,7 @@ from systems import stage
 from systems.scene import Check, Summary
 from systems.xylophone_bar import bar, energy, figures, judgement
 
-__all__ = ["options", "run"]
+__all__ = ["options", "run", "step_of"]
 
 Array = NDArray[np.float64]
 
@@ -58,13 +58,17 @@ def options(group: argparse._ArgumentGroup) -> None:
     """The system has no options of its own."""
 
 
+def step_of(segments: int) -> float:
+    """Time step over the stability limit, at most, of a bar whose lines are read."""
+    return 0.8 if segments > 100 else 0.25
+
+
 def struck(kind: str, segments: int, *, tension: float = bar.TENSION) -> judgement.Struck:
     """Strike a bar and read its lines."""
     model = bar.tense(segments, tension) if kind == "tense" else bar.free(segments)
     near = bar.discrete_tense(LINES, segments, tension) if kind == "tense" else bar.discrete_free(LINES, segments)
     velocities = bar.strike(model, PLACES[kind], rise=RISES[kind])
-    step = 0.8 if segments > 100 else 0.25
-    ring = bar.ring_out(model, velocities, DURATION, INTERVAL, lowest=near[0], step=step)
+    ring = bar.ring_out(model, velocities, DURATION, INTERVAL, lowest=near[0], step=step_of(segments))
     x = ring.transverse
     columns = np.unique((np.arange(1, 14) * GOLDEN % 1 * x.shape[1]).astype(int))
     fit = bar.fitted(x[:, columns], INTERVAL, near)

@@ -1,0 +1,209 @@
+"""The report of error against run time: its fronts and orders on made-up data, one small sweep a family, its quick run."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from systems import __main__ as command
+from systems import mass_spring, strings
+from systems.error_vs_runtime import figures, front, judgement, tables
+from systems.error_vs_runtime.settings import Order, Outcome, Result, Setting, Study, measured
+from systems.error_vs_runtime.sweeps import growth, statics, swinging, thermal
+from systems.weighted_string import chain as weighted
+
+
+def outcome(segments: int, seconds: float, *deviations: float, step: float = 0.5) -> Outcome:
+    return Outcome(Setting(segments, step), (Result(seconds, np.array(deviations)),))
+
+
+def study(outcomes: list[Outcome], **more: object) -> Study:
+    made = Study("made", "up", "zero", lambda s, seed: outcomes[0].results[0], [o.setting for o in outcomes])
+    return replace(made, outcomes=tuple(outcomes), **more)  # type: ignore[arg-type]
+
+
+def test_a_front_holds_what_nothing_beats_in_both() -> None:
+    seconds = np.array([1.0, 2.0, 2.0, 3.0, 0.5, 4.0])
+    errors = np.array([0.1, 0.01, 0.02, 0.5, math.nan, 0.001])
+    assert front.pareto(seconds, errors).tolist() == [0, 1, 5]
+    rng = np.random.default_rng(0)
+    t, e = rng.random(60), rng.random(60)
+    slow = [i for i in range(60) if not any((t[j] <= t[i]) & (e[j] <= e[i]) for j in range(60) if j != i)]
+    assert sorted(front.pareto(t, e).tolist()) == slow
+
+
+def test_the_time_to_an_error_lies_on_the_front() -> None:
+    seconds = np.geomspace(0.01, 100, 9)
+    errors = 0.05 * seconds**-0.5
+    assert front.time_to(seconds, errors, 0.02) == pytest.approx(0.05**2 / 0.02**2)
+    assert front.time_to(seconds, errors, 0.9) == seconds[0]
+    assert math.isnan(front.time_to(seconds, errors, 1e-4))
+    assert math.isnan(front.time_to(np.array([]), np.array([]), 0.1))
+
+
+def test_scatter_falls_as_the_root_of_time_and_bias_stays() -> None:
+    assert front.thermal_time_to(3.0, 0.1, 0.0, 0.02) == pytest.approx(300.0)
+    assert front.thermal_time_to(3.0, 0.1, -0.01, 0.02) == pytest.approx(1200.0)
+    assert front.thermal_time_to(3.0, 0.1, 0.03, 0.02) == math.inf
+
+
+def test_a_fit_finds_the_exponent() -> None:
+    x = np.array([0.1, 0.2, 0.4])
+    assert front.power_law(x, 3 * x**4).order == pytest.approx(4.0)
+    noisy = front.power_law(x, 3 * x**2 * np.array([1.0, 1.5, 1.0]), 3 * x**2 * np.array([0.01, 10.0, 0.01]))
+    assert noisy.order == pytest.approx(2.0, abs=1e-3)  # the point in the middle weighs nothing
+    assert math.isnan(front.power_law(x[:1], x[:1]).order)
+
+
+def test_an_order_leaves_out_rounding() -> None:
+    runs = [outcome(n, 1.0, n**-2.0 if n < 100 else 1e-13) for n in (10, 20, 40, 1000)]
+    order = Order("segments", "segments", -2.0, lambda s: True, floor=1e-9)
+    assert front.fitted(order, runs).order == pytest.approx(-2.0)
+    assert front.fitted(replace(order, floor=0.0), runs).order < -3
+
+
+def test_bias_and_scatter_are_told_apart() -> None:
+    one = outcome(10, 1.0, *(0.1 + 0.02 * np.random.default_rng(1).standard_normal(4000)))
+    assert one.bias == pytest.approx(0.1, abs=4 * one.bias_error)
+    assert one.scatter == pytest.approx(0.02, rel=0.05)
+    assert one.error == pytest.approx(math.hypot(0.1, 0.02), rel=0.01)
+    assert math.isnan(outcome(10, 1.0, 0.3).scatter)
+
+
+def test_the_cheapest_setting_is_recommended_and_a_default_only_if_it_is_as_cheap() -> None:
+    coarse, mid, fine = outcome(10, 1.0, 0.1), outcome(20, 2.0, 0.01), outcome(40, 8.0, 0.002)
+    made = study([coarse, mid, fine], stated=0.02)
+    assert judgement.recommended(replace(made, default=fine.setting)) is mid
+    assert judgement.recommended(replace(made, default=mid.setting)) is mid
+    near = outcome(21, 2.2, 0.009)
+    both = study([coarse, mid, near], stated=0.02, default=near.setting)
+    assert judgement.recommended(both) is near
+    assert "times as fast" in judgement.findings([replace(made, default=fine.setting)])[0]
+    bad = judgement.checks([replace(made, default=coarse.setting)])
+    assert [check.passed for check in bad] == [False, True]
+
+
+def test_a_wrong_order_fails() -> None:
+    runs = [outcome(10, 1.0, step**1.5, step=step) for step in (0.1, 0.2, 0.4)]
+    order = Order("Verlet, time step", "step", 2.0, lambda s: True)
+    (check,) = judgement.checks([study(runs, orders=(order,))])
+    assert check.value == pytest.approx(1.5)
+    assert not check.passed
+
+
+def test_runs_take_turns_and_what_cannot_run_is_kept_with_the_reason() -> None:
+    seen: list[int] = []
+
+    def measure(setting: Setting, seed: int) -> Result:
+        seen.append(setting.segments)
+        if setting.segments == 2:
+            raise ValueError("too short")
+        return Result(1.0, np.array([0.1]))
+
+    made = Study("made", "up", "zero", measure, [Setting(1), Setting(2), Setting(3)])
+    found = measured(made, 2, 1, lambda fraction: None)
+    assert seen == [1, 2, 3, 1, 3]
+    assert [len(o.results) for o in found] == [2, 0, 2]
+    assert found[1].failure == "too short"
+
+
+def test_growth_is_flat_or_not_and_platforms_cross() -> None:
+    def row(beads: int, ns: float, platform: str = "Reference") -> growth.Row:
+        return growth.Row("size", beads, platform, growth.WHOLE, 1, 1, ns, ns, ns)
+
+    assert growth.flatness([row(10, 500), row(100, 100), row(1000, 110), row(10_000, 90)]) == pytest.approx(0.1)
+    slow = [row(n, 100.0) for n in (10, 100, 1000)]
+    fast = [row(n, 10_000 / n, "CPU") for n in (10, 100, 1000)]
+    assert growth.crossover(slow, fast) == pytest.approx(100.0)
+    assert math.isnan(growth.crossover(slow, [row(n, 200.0) for n in (10, 100, 1000)]))
+    assert growth.crossover(slow, [row(n, 50.0) for n in (10, 100, 1000)]) == 10
+    made = growth.timed(30, "+ bending", "Reference", 1, kind="size")
+    assert made.least <= made.ns_per_bead_step <= made.most
+
+
+def test_lines_of_masses_converge_and_the_default_is_the_systems_own() -> None:
+    lines, _ = swinging.mass_spring_studies(quick=True)
+    default = lines.default
+    assert default is not None
+    limit = default.step / mass_spring.PHASE
+    assert limit == pytest.approx(1 / 1.4318419, rel=1e-6)  # 2/sqrt(2 q): springs twice as stiff as tension makes them
+    steps = [Setting(9, step, name) for name in ("Verlet", "PEFRL") for step in (0.4, 0.2)]
+    small = replace(lines, settings=steps)
+    small = replace(small, outcomes=tuple(measured(small, 1, 1, lambda fraction: None)))
+    verlet, fourth = (next(o for o in lines.orders if name in o.name) for name in ("Verlet", "PEFRL"))
+    assert front.fitted(verlet, small.outcomes).order == pytest.approx(2.0, abs=0.1)
+    assert front.fitted(fourth, small.outcomes).order == pytest.approx(4.0, abs=0.1)
+
+
+def test_the_loaded_string_in_sines_is_the_limit_of_its_beads() -> None:
+    from scipy import linalg
+
+    segments = 600
+    masses = weighted.CASES[1].masses(segments)[1:-1]
+    stiffness = weighted.matrices(segments)
+    squared = linalg.eigh(stiffness / np.sqrt(np.outer(masses, masses)), eigvals_only=True, subset_by_index=(0, 5))
+    np.testing.assert_allclose(swinging.loaded_string(6), np.sqrt(squared) / (2 * np.pi), rtol=2e-3)
+    assert swinging.loaded_string(1)[0] < float(strings.stiff_law(1))
+
+
+def test_statics_come_to_the_exact_answer_with_their_residual() -> None:
+    (planar,) = statics.planar_studies(quick=True)
+    assert planar.default is not None
+    found = planar.measure(planar.default, 1)
+    assert abs(found.deviations[0]) < 1e-9
+    assert found.residual < 1e-7
+    loose = planar.measure(Setting(30, method=statics.MINIMISER, effort=1e-1), 1)
+    assert abs(loose.deviations[0]) > 1e-4
+
+
+def test_a_thermal_run_gives_a_deviation_a_replica() -> None:
+    first, *_ = thermal.dna_studies(quick=True)
+    assert first.default is not None
+    assert first.known is not None
+    setting = replace(first.default, effort=2.0)
+    found = first.measure(setting, 5)
+    assert len(found.deviations) > 10
+    assert np.ptp(found.deviations) > 0
+    again = first.measure(setting, 5)
+    np.testing.assert_array_equal(found.deviations, again.deviations)
+    assert abs(first.known(setting)) < 0.027
+
+
+def test_tables_and_figures_are_written(tmp_path: Path) -> None:
+    runs = [outcome(n, n / 10, n**-2.0) for n in (10, 20, 40)]
+    order = Order("segments", "segments", -2.0, lambda s: True)
+    made = study(runs, orders=(order,), default=runs[2].setting, stated=1e-3)
+    noisy = study([outcome(5, 1.0, 0.1, 0.2)], known=lambda s: 0.0)
+    tables.write_runs(tmp_path / "runs.csv", [made, noisy])
+    tables.write_table(tmp_path / "table.csv", [made, noisy])
+    figures.draw_system(tmp_path / "made.png", [made, noisy])
+    assert (tmp_path / "made.png").stat().st_size > 10_000
+    rows = list(csv.DictReader((tmp_path / "runs.csv").read_text().splitlines()))
+    assert [row["default"] for row in rows] == ["0", "0", "1", "0"]
+    assert float(rows[1]["error"]) == pytest.approx(1 / 400)
+    first, second = csv.DictReader((tmp_path / "table.csv").read_text().splitlines())
+    assert float(first["seconds_to_0.01"]) == pytest.approx(1.0)
+    assert float(second["seconds_to_0.1"]) == pytest.approx((2 * 0.1 / math.sqrt(2) / 0.1) ** 2)
+
+
+def test_a_system_that_there_is_not_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["error_vs_runtime", "--output", str(tmp_path / "out"), "--only", "harp"]) == 2
+    assert "`--only` must be one of mass_spring" in capsys.readouterr().err
+    assert command.main(["error_vs_runtime", "--output", str(tmp_path / "out"), "--repeats", "0"]) == 2
+
+
+@pytest.mark.slow
+def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    assert command.main(["error_vs_runtime", "--output", str(folder), "--quick"]) == 0
+    names = {path.name for path in folder.iterdir()}
+    assert {"runs.csv", "table.csv", "growth.csv", "growth.png", "dna_force_extension.png", "summary.json"} <= names
+    summary = json.loads((folder / "summary.json").read_text())
+    assert all(check["passed"] for check in summary["checks"] if check["kind"] == "exact")
+    assert summary["filament"]["recommended"]
