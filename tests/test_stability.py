@@ -114,7 +114,9 @@ def test_exact_forces_are_those_of_numpy_on_an_ordinary_chain(rng: np.random.Gen
         filament = of.Filament(x * NM, 1 * unit.dalton, terms)
         moved = x + 0.1 * rng.normal(size=x.shape)
         right = of.reference.forces(filament, moved * NM)
-        np.testing.assert_allclose(exact.forces(filament.interactions(), moved), right, rtol=0, atol=1e-11 * np.abs(right).max())
+        np.testing.assert_allclose(
+            exact.forces(filament.interactions(), moved), right, rtol=0, atol=1e-11 * np.abs(right).max()
+        )
     assert mp.mp.dps == 15  # the precision of others is left alone
 
 
