@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import openmm as mm
 from openmm import unit
 
@@ -21,6 +22,9 @@ _RISE = 0.1
 
 _ROUNDING = 1e-9
 """Rise over the energies themselves below which it may be rounding."""
+
+_STILL = 1e-14
+"""The same over what a strain or an angle of one would store: a strain of 1e-7, near which the arccosine loses an angle."""
 
 
 def allowed_rise(model: Model, integrator: Any) -> float:
@@ -44,7 +48,11 @@ def allowed_rise(model: Model, integrator: Any) -> float:
 class Books:
     """The energies seen in a run: what it began with, and how much went from one kind to the other."""
 
-    def __init__(self) -> None:
+    def __init__(self, model: Model) -> None:
+        x = internal_positions(model)
+        shortest = float(np.linalg.norm(np.diff(x, axis=0), axis=-1).min(initial=np.inf))
+        stored = (i.stored_energy(shortest) for i in model.interactions if len(i.beads) and i.term.span > 1)
+        self._floor = _STILL * max(stored, default=0.0)
         self._began: float | None = None
         self._kinetic = 0.0
         self._potential = (math.inf, -math.inf)
@@ -59,4 +67,4 @@ class Books:
         self._potential = min(self._potential[0], potential), max(self._potential[1], potential)
         moved = max(self._kinetic, self._potential[1] - self._potential[0])
         rise = kinetic + potential - self._began
-        return rise / moved if rise > _ROUNDING * (kinetic + abs(potential)) else 0.0
+        return rise / moved if rise > max(_ROUNDING * (kinetic + abs(potential)), self._floor) else 0.0

@@ -77,7 +77,7 @@ class Watch:
         self._model = model
         self._interval = check.integer("interval", interval, low=1)
         self._good: tuple[Array, Array, int] | None = None
-        self._books = Books()
+        self._books = Books(model)
         self._allowed: float | None = None
 
     def describeNextReport(self, simulation: app.Simulation) -> dict[str, Any]:

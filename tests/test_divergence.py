@@ -350,3 +350,12 @@ def test_a_run_that_only_swings_is_not(part: float) -> None:
         simulation.context.setVelocitiesToTemperature(1 * unit.kelvin, 1)
         simulation.reporters.append(of.watch(model, 7))
         simulation.step(3000)
+
+
+def test_a_chain_at_rest_is_not_stopped_for_the_rounding_of_nothing() -> None:
+    for rest in (of.shapes.helix(11, radius=2 * NM, pitch=3 * NM, turns=1.3), of.shapes.line(11, 1 * NM)):
+        model = of.build(of.Filament(rest, 10 * unit.dalton, TERMS[:2]))
+        simulation = app.Simulation(model.topology, model.system, of.verlet(model), REFERENCE)
+        simulation.context.setPositions(model.positions)
+        simulation.reporters.append(of.watch(model, 1))
+        simulation.step(500)
