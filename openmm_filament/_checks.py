@@ -25,12 +25,13 @@ def fail(name: str, rule: str, value: object) -> ValueError:
 
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """`value` as a float array; anything that is not numeric, and what is complex, raises TypeError."""
-    if np.iscomplexobj(value):
-        raise TypeError(f"Argument `{name}` must be real, but is complex.")
     try:
-        return np.asarray(value, dtype=np.float64)
+        given = np.asarray(value)
+        if not np.iscomplexobj(given):
+            return np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
         raise TypeError(f"Argument `{name}` must be numeric, but is {value!r}.") from None
+    raise TypeError(f"Argument `{name}` must be real, but is complex.")
 
 
 def _first(values: NDArray[np.float64], bad: NDArray[np.bool_]) -> str:

@@ -17,7 +17,7 @@ __all__ = ["Curve", "as_curve", "read_curve"]
 
 Array = NDArray[np.float64]
 
-_EXACT = ("exact_discrete_nm", "exact_continuous_nm")
+_EXACT, _STEP = ("exact_discrete_nm", "exact_continuous_nm"), "time_step_bias_nm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def read_curve(
     r"""A curve from a CSV file with one line of column names; by default the columns that the systems write.
 
     Where such a file has the exact extensions of the discrete chain that was run and of the continuous one, their
-    difference, the known bias, is taken off.
+    difference, the known bias, is taken off, and the "time_step_bias_nm" beside them.
 
     Parameters
     ----------
@@ -144,6 +144,8 @@ def read_curve(
     if extension == "extension_nm" and {*_EXACT} <= set(names):
         discrete, continuous = (column(name, nm) for name in _EXACT)
         lengths = lengths - np.nan_to_num(discrete - continuous)
+        if _STEP in names:
+            lengths = lengths - np.nan_to_num(column(_STEP, nm))
     return Curve(
         column(force, pN),
         lengths,

@@ -76,6 +76,7 @@ def rows_of(curve: xarray.Dataset) -> list[Row]:
         "exact_discrete_nm": curve.exact_discrete,
         "exact_continuous_nm": continuous,
         "marko_siggia_nm": marko_siggia,
+        "time_step_bias_nm": curve.time_step_bias,
     }
     return [{name: float(column[i]) for name, column in columns.items()} for i in range(len(FORCES))]
 
