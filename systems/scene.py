@@ -97,10 +97,10 @@ class Summary:
 
 
 def _entry(check: Check) -> dict[str, Any]:
-    """A check as it stands in the summary; "unit" is there where there is one."""
+    """A check as it stands in the summary, its unit, where there is one, at the end of its name."""
     entry = {**asdict(check), "passed": check.passed}
-    if not check.unit:
-        del entry["unit"]
+    if unit := entry.pop("unit"):
+        entry["name"] = f"{check.name} ({unit})"
     return entry
 
 

@@ -72,7 +72,11 @@ def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
     out = tmp_path / "bar"
     assert command.main(["xylophone_bar", "--output", str(out), "--quick"]) == 0
     written = json.loads((out / "summary.json").read_text())
-    assert written["terms"] == ["CustomAngleForce", "CustomBondForce"]
+    assert written["terms"] == [
+        "CustomAngleForce",
+        "CustomBondForce",
+        "CustomCompoundBondForce",
+    ]  # by arctangent: energy
     assert {check["kind"] for check in written["checks"]} == {"exact", "claim"}
     assert all(check["passed"] for check in written["checks"])
     assert all(line.endswith(".") for line in written["findings"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import openmm as mm
 from openmm import unit
 
@@ -24,7 +26,9 @@ def made(name: str, model: of.Model, timestep: float, damping: float) -> mm.Inte
     """
     quantity = timestep * unit.second
     if name == "Verlet":
-        return of.verlet(model, timestep=quantity)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # damped scenes are run without damping too
+            return of.verlet(model, timestep=quantity)
     if name == "Euler-Cromer":
         return of.euler_cromer(model, timestep=quantity)
     if name == "LangevinMiddle":
