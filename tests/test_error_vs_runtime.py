@@ -201,9 +201,9 @@ def test_a_system_that_there_is_not_is_refused(tmp_path: Path, capsys: pytest.Ca
 
 @pytest.mark.slow
 def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
-    """All systems; three of them where OPENMM_FILAMENT_SHORT is set."""
+    """All systems; two of them where OPENMM_FILAMENT_SHORT is set."""
     folder = tmp_path / "out"
-    systems = ["mass_spring", "open_ring", "dna_force_extension"] if os.environ.get("OPENMM_FILAMENT_SHORT") else []
+    systems = ["mass_spring", "dna_force_extension"] if os.environ.get("OPENMM_FILAMENT_SHORT") else []
     only = [word for name in systems for word in ("--only", name)]
     assert command.main(["error_vs_runtime", "--output", str(folder), "--quick", *only]) == 0
     names = {path.name for path in folder.iterdir()}
