@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import math
-import platform as host
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 
 from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.blocks import clamped_model
+from openmm_filament.curves import provenance
 from openmm_filament.discretisation import PN
 from openmm_filament.executors import available_workers
 from openmm_filament.filament import Filament
 from openmm_filament.holding import tension
-from openmm_filament.integrators import FRICTION, thermal_step
+from openmm_filament.integrators import FRICTION, drawn_seed, thermal_step
 from openmm_filament.ramping import Control, Ramp, RampResult, controlled_model
 from openmm_filament.timestep import slow_frequency
 
@@ -155,7 +154,7 @@ class Setup:
                 tensions=self.tensions,
                 temperature=shared.kelvin,
                 replicas=count,
-                seed=int(child.generate_state(1)[0]) % (2**31 - 1) + 1,
+                seed=drawn_seed(child),
                 timestep=dt,
                 friction=self.friction,
                 warm_up=math.ceil(warm / dt),
@@ -211,8 +210,6 @@ def dataset(
     """Variables and coordinates with what was run in the attributes."""
     import xarray
 
-    from openmm_filament import __version__
-
     attributes = {
         "control": control,
         "temperature_K": chosen.kelvin,
@@ -220,13 +217,9 @@ def dataset(
         "time_step_ps": tasks[0].timestep,
         "friction_per_ps": tasks[0].friction,
         "equilibration_steps": tasks[0].warm_up,
-        "integrator": "LangevinMiddle",
         "platform": "Reference",
         "interrupted": int(any(result is None for result in results)),
-        "openmm_filament_version": __version__,
-        "openmm_version": mm.Platform.getOpenMMVersion(),
-        "numpy_version": np.__version__,
-        "python_version": host.python_version(),
+        **provenance(),
     }
     if control == "trap":
         attributes["stiffness_pN_per_nm"] = (stiffness / PN).tolist()

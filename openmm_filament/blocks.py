@@ -19,6 +19,7 @@ from openmm import unit
 
 from openmm_filament import units
 from openmm_filament.divergence import check_heat, diagnose
+from openmm_filament.evaluation import snapshot
 from openmm_filament.filament import Filament
 from openmm_filament.integrators import calm, internal_langevin
 from openmm_filament.loads import Hold, Load, Plane, Pull
@@ -136,8 +137,7 @@ def _run(block: Block) -> BlockResult:
             start = _positions(context.getState(positions=True))[: len(block.filament)].astype(np.float32)
     else:
         context.loadCheckpoint(block.checkpoint)
-    state = context.getState(positions=True, velocities=True)
-    good = _positions(state), _velocities(state), context.getStepCount()
+    good = snapshot(context)
 
     def checked(look: bool) -> Array:
         """The present positions; with `look` their heat too. Raises DivergedError."""

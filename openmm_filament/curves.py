@@ -18,7 +18,7 @@ from openmm_filament.points import Point
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["dataset"]
+__all__ = ["dataset", "provenance"]
 
 Array = NDArray[np.float64]
 
@@ -26,8 +26,6 @@ Array = NDArray[np.float64]
 def dataset(points: Sequence[Point], *, kelvin: float, dimension: int, attributes: Mapping[str, Any]) -> xarray.Dataset:
     """The dataset that `force_extension` returns."""
     import xarray
-
-    from openmm_filament import __version__
 
     def column(values: Sequence[Any], units_: str, meaning: str) -> tuple[str, Array, dict[str, str]]:
         return "force", np.array(values), {"units": units_, "long_name": meaning}
@@ -81,13 +79,22 @@ def dataset(points: Sequence[Point], *, kelvin: float, dimension: int, attribute
             "temperature_K": kelvin,
             "dimension": dimension,
             **attributes,
-            "integrator": "LangevinMiddle",
-            "openmm_filament_version": __version__,
-            "openmm_version": mm.Platform.getOpenMMVersion(),
-            "numpy_version": np.__version__,
-            "python_version": host.python_version(),
+            **provenance(),
         },
     )
+
+
+def provenance() -> dict[str, str]:
+    """The attributes of every sampled dataset: its integrator and the versions that made it."""
+    from openmm_filament import __version__
+
+    return {
+        "integrator": "LangevinMiddle",
+        "openmm_filament_version": __version__,
+        "openmm_version": mm.Platform.getOpenMMVersion(),
+        "numpy_version": np.__version__,
+        "python_version": host.python_version(),
+    }
 
 
 def _uniform(values: float | Array) -> float:

@@ -236,7 +236,8 @@ def choose(
     chosen(0)
     continuous = exact(forces)
     fluctuation = _fluctuation(forces, continuous, exact, kt)
-    ladder, biases = _survey(chain, temperature, forces, continuous, relative_error, length / lp)
+    finest = _BOND_SPREAD_OWN**2 * modulus * length / kt
+    ladder, biases = _survey(chain, temperature, forces, continuous, relative_error, length / lp, finest)
     slope = (exact(forces, 1.01) / continuous - 1) / 0.01
     spread = _direction_variance(np.minimum(continuous / length, 0.999))
     # the largest bias from a number of segments on: a sign change with few segments is no convergence
@@ -278,18 +279,23 @@ def choose(
 
 
 def _survey(
-    chain: WormlikeChain, temperature: unit.Quantity, forces: Array, continuous: Array, wanted: Array, lengths: float
+    chain: WormlikeChain,
+    temperature: unit.Quantity,
+    forces: Array,
+    continuous: Array,
+    wanted: Array,
+    lengths: float,
+    finest: float,
 ) -> tuple[NDArray[np.int64], Array]:
-    """Numbers of segments, and biases (numbers, forces) of the chains with them, until the wanted errors are met."""
+    """Numbers of segments, and biases (numbers, forces) of the chains with them, until the wanted errors are met.
+
+    `lengths` is the contour over the persistence length; beyond `finest` segments the chain's own bonds are too short.
+    """
     ladder: list[int] = []
     rows: list[Array] = []
     refused: ValueError | None = None
-    assert chain.stretch_modulus is not None
-    modulus = units.number("chain", chain.stretch_modulus, "force") / PN
-    length = units.number("chain", chain.contour_length, "length")
-    kt = units.BOLTZMANN * units.number("temperature", temperature, "temperature") / PN
     for count in dict.fromkeys(max(round(n * lengths / 19), 4) for n in _LADDER):
-        if ladder and math.sqrt(kt * count / (modulus * length)) > _BOND_SPREAD_OWN:
+        if ladder and count > finest:
             break
         try:
             rows.append(_bias_of(_filament(chain, count, temperature), temperature, forces, continuous))

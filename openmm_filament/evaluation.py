@@ -12,7 +12,7 @@ from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament.model import Model
 
-__all__ = ["energies", "forces", "internal_positions", "kinetic_temperature"]
+__all__ = ["energies", "forces", "internal_positions", "kinetic_temperature", "snapshot"]
 
 
 def internal_positions(model: Model, positions: Any = None) -> NDArray[np.float64]:
@@ -33,6 +33,16 @@ def kinetic_temperature(model: Model, velocities: NDArray[np.float64]) -> float:
     moving = velocities[free, : 2 if model.planar else 3]
     twice = float(model.masses[free] @ (moving * moving).sum(axis=1))
     return twice / (units.BOLTZMANN * moving.size) if moving.size else 0.0
+
+
+def snapshot(context: mm.Context) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Internal positions and velocities (N, 3) and the step count of a Context: a good frame to go back to."""
+    state = context.getState(positions=True, velocities=True)
+    return (
+        units.numbers("positions", state.getPositions(asNumpy=True), "length"),
+        units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity"),
+        context.getStepCount(),
+    )
 
 
 def _context(model: Model, positions: Any, platform: mm.Platform | None) -> mm.Context:

@@ -23,6 +23,7 @@ __all__ = [
     "FRICTION",
     "LANGEVIN_STEP",
     "calm",
+    "drawn_seed",
     "euler_cromer",
     "internal_langevin",
     "is_made_for",
@@ -126,6 +127,11 @@ def internal_langevin(
     if seed is not None:
         integrator.setRandomNumberSeed(seed)
     return _tagged(integrator, model)
+
+
+def drawn_seed(child: np.random.SeedSequence) -> int:
+    """A seed that OpenMM takes for its noise, drawn from a child of a NumPy seed sequence."""
+    return int(child.generate_state(1)[0]) % (2**31 - 1) + 1
 
 
 def calm(integrator: Any, model: Model) -> None:

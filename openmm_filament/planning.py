@@ -98,12 +98,13 @@ def plan_curve(
         rate = slow_frequency(model, kelvin / model.scale.factor("temperature"))
         dt = thermal_step(model, kelvin, timestep, choice.step)
         step = choice.step if timestep is None else choice.step * dt / thermal_step(model, kelvin, None, choice.step)
+        settled = timestep is None and not math.isnan(choice.time_step)
         to_ps = model.scale.factor("time")
         plans.append(
             Plan(
                 force=float(force),
                 relative_error=float(error),
-                choice=_timed(choice, step, float(force), float(error), temperature, dimension),
+                choice=choice if settled else _timed(choice, step, float(force), float(error), temperature, dimension),
                 model=model,
                 timestep=dt * to_ps,
                 friction=FRICTION * rate / to_ps,
@@ -118,9 +119,8 @@ def _timed(
     choice: Choice, step: float, force: float, wanted: float, temperature: unit.Quantity, dimension: int
 ) -> Choice:
     """The choice with the time step that it gets, refused where the error of that step leaves none to be sampled."""
-    exact = exact_chain(choice.filament, temperature)
-    known = exact is not None and dimension == 3
-    timed = replace(choice, step=step, time_step=time_step_bias(exact, force, step) if exact and known else math.nan)
+    exact = exact_chain(choice.filament, temperature) if dimension == 3 else None
+    timed = replace(choice, step=step, time_step=math.nan if exact is None else time_step_bias(exact, force, step))
     if timed.known > 0.9 * wanted:
         raise ValueError(
             f"Argument `timestep` must leave an error to be sampled at {force:.6g} pN, but at {step:.3g} of the limit of "

@@ -23,6 +23,7 @@ from openmm import unit
 from openmm_filament import units
 from openmm_filament._term import Interaction
 from openmm_filament.divergence import check_heat, diagnose
+from openmm_filament.evaluation import snapshot
 from openmm_filament.filament import Filament
 from openmm_filament.holding import held_starts
 from openmm_filament.integrators import calm, internal_langevin
@@ -140,7 +141,7 @@ class _Led:
         if ramp.control == "force":
             self.context.setParameter("pluck", 0.0)
         calm(self.integrator, self.model)
-        self._note()
+        self.good = snapshot(self.context)
 
     def _starts(self) -> Array:
         ramp = self.ramp
@@ -155,8 +156,8 @@ class _Led:
         """Run at the present value, and see that the thermostat holds."""
         self.integrator.step(self.ramp.warm_up)
         self.positions()
-        velocities = self._note()
-        check_heat(self.model, self.good[0], velocities, self.heat, self.context.getStepCount())
+        self.good = snapshot(self.context)
+        check_heat(self.model, self.good[0], self.good[1], self.heat, self.good[2])
 
     def through(self, values: Array) -> Iterator[tuple[Array, Array, Array]]:
         """Extension, force and work (replicas,) at the first value and after every `every` of the others."""
@@ -236,13 +237,6 @@ class _Led:
         if not np.isfinite(positions).all():
             raise diagnose(self.model, self.context, positions, self.context.getStepCount(), self.good)
         return positions
-
-    def _note(self) -> Array:
-        """Keep the present frame as good, and give its velocities."""
-        state = self.context.getState(positions=True, velocities=True)
-        velocities = _numbers(state.getVelocities(asNumpy=True), "velocity")
-        self.good = _numbers(state.getPositions(asNumpy=True), "length"), velocities, self.context.getStepCount()
-        return velocities
 
 
 def _numbers(value: Any, dimension: str) -> Array:

@@ -37,6 +37,7 @@ from openmm_filament.divergence import DivergedError
 from openmm_filament.executors import available_workers, check_executor, deaths, main_hidden, worker_options
 from openmm_filament.filament import Filament
 from openmm_filament.fingerprints import fingerprint
+from openmm_filament.integrators import drawn_seed
 from openmm_filament.keeping import intact, keep, restored, tell_of
 from openmm_filament.planning import GROUPS, REPLICAS, Plan, plan_curve
 from openmm_filament.platforms import GPUS
@@ -229,7 +230,7 @@ def _check_workers(platform: str, executor: Executor | None, processes: int | No
 def _points(plans: Sequence[Plan], kelvin: float, dimension: int, seed: int, platform: str) -> list[_Point]:
     points = []
     for plan, seeds in zip(plans, np.random.SeedSequence(seed).spawn(len(plans)), strict=True):
-        numbers = [int(child.generate_state(1)[0]) % (2**31 - 1) + 1 for child in seeds.spawn(GROUPS)]
+        numbers = [drawn_seed(child) for child in seeds.spawn(GROUPS)]
         runs = [_Run(plan.block(number, kelvin, dimension, platform), FIRST_ROUND) for number in numbers]
         points.append(_Point(plan.force, plan.relative_error, plan.choice, runs))
     return points

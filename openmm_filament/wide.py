@@ -22,6 +22,7 @@ from openmm_filament.blocks import BlockResult, clamped_model, clamps
 from openmm_filament.checkpoints import Checkpoint
 from openmm_filament.discretisation import FEWEST_SAMPLES, exact_chain
 from openmm_filament.divergence import check_heat, diagnose
+from openmm_filament.evaluation import snapshot
 from openmm_filament.keeping import take_all, tell_of
 from openmm_filament.model import Model, build
 from openmm_filament.planning import Plan
@@ -109,7 +110,7 @@ class WideRun:
         if checkpoint is not None:
             self._context.loadCheckpoint(checkpoint)
             self._starts: list[NDArray[np.float32] | None] = [None] * len(points)
-            self._good = self._state()
+            self._good = snapshot(self._context)
         else:
             self._begin(seed)
         self._ticks = (self._good[2] - first.warm_up) // self.tick
@@ -151,7 +152,7 @@ class WideRun:
             for i, block in enumerate(self._blocks):
                 if block.keep_frames and not (self._ticks + column + 1) % self._every[i]:
                     frames[i].append(self._first_replica(positions, i))
-        self._good = self._state()
+        self._good = snapshot(self._context)
         check_heat(self._model, self._good[0], self._good[1], self._heat, self._good[2])
         results = []
         numbers = self._ticks + 1 + np.arange(ticks)
@@ -177,26 +178,19 @@ class WideRun:
             shapes.append(starts.reshape(-1, 3))
         self._context.setPositions(np.concatenate(shapes) / self._model.scale.length)
         self._context.setVelocitiesToTemperature(self._heat, seed % (2**31 - 1) + 1)
-        self._good = self._state()
+        self._good = snapshot(self._context)
         self._starts = [
             self._first_replica(self._good[0], i) if block.keep_frames else None for i, block in enumerate(self._blocks)
         ]
         self._integrator.step(self._blocks[0].warm_up)
-        self._refuse_infinite(self._state()[0])
-        self._good = self._state()
+        warm = snapshot(self._context)
+        self._refuse_infinite(warm[0])
+        self._good = warm
 
     def _first_replica(self, positions: Array, point: int) -> NDArray[np.float32]:
         begin = int(self._model.starts[self._chains[point]])
         chain = positions[begin : begin + len(self._blocks[point].filament)]
         return np.asarray(chain * self._to_frame[point], dtype=np.float32)
-
-    def _state(self) -> tuple[Array, Array, int]:
-        state = self._context.getState(positions=True, velocities=True)
-        return (
-            units.numbers("positions", state.getPositions(asNumpy=True), "length"),
-            units.numbers("velocities", state.getVelocities(asNumpy=True), "velocity"),
-            self._context.getStepCount(),
-        )
 
     def _refuse_infinite(self, positions: Array) -> None:
         if not np.isfinite(positions).all():
