@@ -415,7 +415,7 @@ def test_a_summary_with_nan_is_still_json(tmp_path: Path) -> None:
 
 
 def test_the_dna_is_the_one_that_was_asked_for() -> None:
-    from systems import dna_force_extension as dna
+    from systems.dna_force_extension import curve as dna
 
     assert [(f"{f:.3g}") for f in (dna.FORCES[0], dna.FORCES[-1])] == ["0.05", "50"]
     assert len(dna.FORCES) == 12

@@ -21,7 +21,6 @@ from systems.dna_force_extension import figures, judgement
 from systems.dna_force_extension.curve import (
     CONTOUR,
     FORCES,
-    KT,
     MODULUS,
     PERSISTENCE,
     SHOWN,
@@ -36,18 +35,7 @@ from systems.dna_force_extension.curve import (
 from systems.dna_force_extension.display import Display, table
 from systems.scene import Summary, prepared_checkpoint
 
-__all__ = [
-    "CONTOUR",
-    "FORCES",
-    "KT",
-    "MODULUS",
-    "PERSISTENCE",
-    "TEMPERATURE",
-    "chain",
-    "options",
-    "run",
-    "wanted_errors",
-]
+__all__ = ["options", "run"]
 
 
 def options(parser: argparse._ArgumentGroup) -> None:

@@ -7,7 +7,7 @@ from openmm import unit
 
 import openmm_filament as of
 from openmm_filament import wlc
-from systems import dna_force_extension as dna
+from systems.dna_force_extension import curve as dna
 
 ASKED = {
     "0.06 (`--quick`)": np.full(12, 0.06),

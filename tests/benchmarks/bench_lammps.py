@@ -24,7 +24,7 @@ from openmm import unit
 import openmm_filament as of
 from openmm_filament import wlc
 from openmm_filament.timestep import slow_frequency
-from systems import dna_force_extension as dna
+from systems.dna_force_extension import curve as dna
 
 SEGMENTS = round(10 * dna.CONTOUR / dna.PERSISTENCE)
 BOND = dna.CONTOUR / SEGMENTS

@@ -18,7 +18,7 @@ import openmm_filament as of
 from openmm_filament import wlc
 from openmm_filament.discretisation import choose, exact_chain
 from openmm_filament.integrators import thermal_step
-from systems import dna_force_extension as dna
+from systems.dna_force_extension import curve as dna
 
 
 def main(part: float, relative_error: float, seed: int) -> None:

@@ -151,6 +151,15 @@ def _guitar_body(setting: Setting) -> tuple[Array, Array, Array]:
     return lines, strings.beats(body, _damping(setting)).frequencies, shapes
 
 
+def _time_step_alone(system: str, scene: Scene) -> Study:
+    """The order of a string's lines in the time step, at an amplitude so small that nothing else shows."""
+    return Study(
+        system, f"time step alone, {ORDER_SEGMENTS} segments", "exact discrete string", partial(measure, scene),
+        _integrators(ORDER_SEGMENTS, ORDER_STEPS, DAMPED, softer=strings.SOFTER, form="arctangent"),
+        _orders(DAMPED, 1e-7), share=3.0,
+    )  # fmt: skip
+
+
 def guitar_studies(*, quick: bool) -> list[Study]:
     """Twenty lines of the string of 200 beads, and ten of the continuous stiff one."""
     limit = of.stable_timestep(strings.string(soft.SEGMENTS)).value_in_unit(unit.second)
@@ -176,11 +185,7 @@ def guitar_studies(*, quick: bool) -> list[Study]:
             "guitar_string", "lines 1 to 20 of 200 beads", "exact discrete string", partial(measure, scene), settings,
             (), default, report.LINE, share=5.0, admitted=_is_damped,
         ),
-        Study(
-            "guitar_string", f"time step alone, {ORDER_SEGMENTS} segments", "exact discrete string", partial(measure, weak),
-            _integrators(ORDER_SEGMENTS, ORDER_STEPS, DAMPED, softer=strings.SOFTER, form="arctangent"),
-            _orders(DAMPED, 1e-7), share=3.0,
-        ),
+        _time_step_alone("guitar_string", weak),
         Study(
             "guitar_string", "lines 1 to 10 of the string", "stiff string (2.11)", partial(measure, body),
             [Setting(n, step, softer=soft_) for n in sizes for soft_, step in ((64.0, 0.2), (64.0, 0.8), (900.0, 0.9))],
@@ -264,11 +269,7 @@ def weighted_studies(*, quick: bool) -> list[Study]:
             "weighted_string", "lines 1 to 20 of 210 segments", "exact discrete string", partial(measure, scene), settings,
             (), default, stated, share=5.0, admitted=_is_damped,
         ),
-        Study(
-            "weighted_string", f"time step alone, {ORDER_SEGMENTS} segments", "exact discrete string", partial(measure, weak),
-            _integrators(ORDER_SEGMENTS, ORDER_STEPS, DAMPED, softer=strings.SOFTER, form="arctangent"),
-            _orders(DAMPED, 1e-7), share=3.0,
-        ),
+        _time_step_alone("weighted_string", weak),
         Study(
             "weighted_string", "lines 1 to 10 of the string", "continuous loaded string", partial(measure, body),
             [Setting(n, step, softer=soft_) for n in sizes for soft_, step in ((64.0, 0.2), (64.0, 0.8), (900.0, 0.9))],

@@ -25,7 +25,7 @@ from openmm_filament.planning import Plan, plan_curve
 from openmm_filament.rods import Match
 from openmm_filament.starts import equilibrium_starts
 from openmm_filament.timestep import slow_frequency
-from systems import dna_force_extension as dna
+from systems.dna_force_extension import curve as dna
 from systems.error_vs_runtime.integrators import available, opened
 from systems.error_vs_runtime.settings import Order, Result, Setting, Study
 from systems.helix_force_extension import thermal as helix
