@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from openmm_filament import (
         analysis,
         bending,
+        contact,
         electrostatics,
         loads,
         reference,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from openmm_filament.model import Model, build
     from openmm_filament.modes import damped_modes, normal_modes
     from openmm_filament.motion import pluck_reporter, record
+    from openmm_filament.passage import Barrier, barrier
     from openmm_filament.platforms import fastest_platform, platform_properties
     from openmm_filament.protocols import clamp, ramp
     from openmm_filament.rods import Match, WormlikeChain, rod_terms
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Barrier",
     "Filament",
     "FreeEnergy",
     "Match",
@@ -50,9 +53,11 @@ __all__ = [
     "WormlikeChain",
     "__version__",
     "analysis",
+    "barrier",
     "bending",
     "build",
     "clamp",
+    "contact",
     "damped_modes",
     "electrostatics",
     "energies",
@@ -91,6 +96,8 @@ __all__ = [
 ]
 
 _HOME = {
+    "Barrier": "passage",
+    "barrier": "passage",
     "Filament": "filament",
     "FreeEnergy": "free_energies",
     "Match": "rods",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from openmm import unit
 
 from openmm_filament import _checks as check
-from openmm_filament import units
+from openmm_filament import contact, units
 from openmm_filament.blocks import clamped_model
 from openmm_filament.curves import provenance
 from openmm_filament.discretisation import PN
@@ -95,6 +95,7 @@ class Settings:
             raise TypeError(f"Argument `filament` must be a Filament, but is {filament!r}.")
         if filament.closed or len(filament) < 2:
             raise ValueError("Argument `filament` must be an open filament of two beads or more to be pulled.")
+        contact.refuse("filament", filament.interactions(), "in a protocol")
         kelvin = check.positive("temperature", units.number("temperature", temperature, "temperature")).item()
         check.integer("replicas", replicas, low=fewest)
         check.integer("seed", seed, low=0)

@@ -8,9 +8,9 @@ the other. `Interaction` is a term bound to the beads and numbers of a chain.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import openmm as mm
@@ -89,13 +89,19 @@ class Interaction:
     beads: NDArray[np.int64]
     parameters: dict[str, Array]
 
+    def at(self, positions: Array) -> Interaction:
+        """The elements at positions (N, 3): the same everywhere but for contact, whose pairs come and go."""
+        return self
+
     def energy(self, positions: Array) -> float:
         """The sum of the elements' energies for positions (N, 3)."""
-        return float(self.term.energy(positions[self.beads], self.parameters).sum())
+        here = self.at(positions)
+        return float(here.term.energy(positions[here.beads], here.parameters).sum())
 
     def forces(self, positions: Array) -> Array:
         """Forces (N, 3) on all beads."""
-        return self.summed(-self.term.gradient(positions[self.beads], self.parameters), len(positions))
+        here = self.at(positions)
+        return here.summed(-here.term.gradient(positions[here.beads], here.parameters), len(positions))
 
     def summed(self, vectors: Array, count: int) -> Array:
         """Vectors (M, span, 3) of the elements' beads, summed by bead: (count, 3)."""
@@ -115,7 +121,23 @@ class Interaction:
             return self
         dimensions = self.term.dimensions
         converted = {name: values / scale.factor(dimensions[name]) for name, values in self.parameters.items()}
-        return Interaction(self.term, self.beads, converted)
+        return replace(self, parameters=converted)
+
+    def shifted(self, start: int) -> Self:
+        """The same interaction of beads that stand `start` places further in the whole model."""
+        return replace(self, beads=self.beads + start) if start else self
+
+    @staticmethod
+    def joined(parts: Sequence[Interaction]) -> Interaction:
+        """Interactions of one term and one class as one."""
+        if len(parts) == 1:
+            return parts[0]
+        names = parts[0].parameters
+        return replace(
+            parts[0],
+            beads=np.concatenate([part.beads for part in parts]),
+            parameters={name: np.concatenate([part.parameters[name] for part in parts]) for name in names},
+        )
 
 
 def per_element(

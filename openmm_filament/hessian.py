@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,18 +31,19 @@ def hessian(model: Model, positions: Array) -> Any:
     size = positions.size
     total = sparse.csr_array((size, size))
     for interaction in model.interactions:
-        if len(interaction.beads):
-            total = total + _assembled(interaction, positions, size)
+        if len((here := interaction.at(positions)).beads):
+            total = total + _assembled(here, positions, size)
     return (total + total.T) / 2
 
 
-def product(model: Model, positions: Array, direction: Array) -> Array:
-    """The Hessian times a displacement (N, 3), exact to rounding, without the matrix; internal units."""
+def product(interactions: Sequence[Interaction], positions: Array, direction: Array) -> Array:
+    """The Hessian of these terms times a displacement (N, 3), exact to rounding, without the matrix; internal units."""
     total: Array = np.zeros_like(positions)
     moved = positions + 1j * _STEP * direction
-    for interaction in model.interactions:
-        slopes = np.imag(interaction.term.gradient(moved[interaction.beads], interaction.parameters)) / _STEP
-        total += interaction.summed(slopes, len(positions))
+    for interaction in interactions:
+        here = interaction.at(positions)
+        slopes = np.imag(here.term.gradient(moved[here.beads], here.parameters)) / _STEP
+        total += here.summed(slopes, len(positions))
     return total
 
 

@@ -19,6 +19,7 @@ from openmm_filament.filament import COLLINEAR
 from openmm_filament.geometry import bending_angles, cross, dot, unit_vectors
 from openmm_filament.integrators import is_made_for, temperature_of
 from openmm_filament.model import Model
+from openmm_filament.passage import reason_to_refuse
 from openmm_filament.timestep import highest_frequency
 
 __all__ = ["Preflight", "PreflightError", "PreflightWarning", "describe_bead", "preflight"]
@@ -45,6 +46,9 @@ _NEARLY_COLLINEAR = 1e-3
 
 _MUCH_TOO_SHORT = 0.03
 """Time step over the limit below which a scaled model was probably given a physical time step."""
+
+_DEEP = 0.1
+"""Overlap over the diameter that is warned of: a filament lies in another, not on it."""
 
 _TOO_HOT = 0.5
 """k_B T over the stretching energy k b^2 above which bonds, fluctuating by 70 % of their length, do not make a chain."""
@@ -95,17 +99,20 @@ def preflight(
     ------
     PreflightError
         For non-finite or coincident beads, collinear beads under a torsion term, a time step above the stability
-        limit, a temperature that tears the bonds, and forces off by more than the tolerance.
+        limit, a temperature that tears the bonds, forces off by more than the tolerance, and filaments in contact that
+        could pass through one another: beads too far apart, or a push, a motion, a temperature or a step too large for
+        the barrier between them (`of.barrier`).
 
     Warns
     -----
     PreflightWarning
-        For nearly collinear beads under torsion, beads in line whose joint rests bent, a time step that looks physical on
+        For nearly collinear beads under torsion, beads that overlap by a tenth of their diameter, beads in line whose joint rests bent, a time step that looks physical on
         a scaled model, an integrator there that is not of this package, and smaller forces that carry an error above the
         tolerance, down to what the rounding of the coordinates makes.
     """
     x = internal_positions(model) if context is None else _context_positions(model, context)
     _check_positions(model, x)
+    _check_contact(model, context, x)
     limit = 2.0 / highest_frequency(model, x)
     step = None
     errors: dict[str, float] = {}
@@ -152,6 +159,27 @@ def _check_positions(model: Model, x: Array) -> None:
     for interaction in model.interactions:
         if "beta0" in interaction.parameters:
             _warn_of_cones(model, interaction, x)
+
+
+def _check_contact(model: Model, context: mm.Context | None, x: Array) -> None:
+    """Refuse chains that could pass through one another, and beads in one place; warn of deep overlaps."""
+    if reason := reason_to_refuse(model, context, x):
+        raise PreflightError(reason)
+    for interaction in model.interactions:
+        if interaction.term.family != "contact" or not len((here := interaction.at(x)).beads):
+            continue
+        distances = np.linalg.norm(x[here.beads[:, 1]] - x[here.beads[:, 0]], axis=-1)
+        worst = int(np.argmin(distances / here.parameters["d"]))
+        depth = 1 - float(distances[worst] / here.parameters["d"][worst])
+        where = " and ".join(describe_bead(model, bead) for bead in here.beads[worst])
+        if depth == 1:
+            raise PreflightError(f"Beads in contact must not coincide, but {where} do.")
+        if depth > _DEEP:
+            warnings.warn(
+                f"Beads in contact overlap by {depth:.2g} of their diameter, {where} the most: they will spring apart.",
+                PreflightWarning,
+                stacklevel=3,
+            )
 
 
 def _warn_of_cones(model: Model, interaction: Interaction, x: Array) -> None:
@@ -254,10 +282,10 @@ def _check_forces(model: Model, context: mm.Context, x: Array, tolerance: float)
                 f"Forces of {family} must agree with the NumPy reference to {tolerance:g}, but differ by {error:.3g} at "
                 f"{describe_bead(model, worst)} on {_platform(context)}{_angles(members, x)}."
             )
-        if _precision(context) == "single":  # the positions in the Context are rounded already
+        if (precision := _precision(context, family)) == "single":  # the positions in the Context are rounded already
             deviation += max(_rounded_force(interaction, x, _SINGLE) for interaction in members)
         floor = max(_rounded_force(interaction, x) for interaction in members)
-        at_rest = (_AT_REST if _precision(context) == "double" else _AT_REST_SINGLE) * natural
+        at_rest = (_AT_REST if precision == "double" else _AT_REST_SINGLE) * natural
         if not deviation <= (tolerance * largest if largest > floor else at_rest):
             of_what = f"{deviation / largest:.2g}" if largest > floor else f"{deviation / natural:.2g} of the stiffness"
             warnings.warn(
@@ -287,8 +315,10 @@ def _warn_of_precision(model: Model, context: mm.Context, family: str, members: 
         )
 
 
-def _precision(context: mm.Context) -> str:
+def _precision(context: mm.Context, family: str = "") -> str:
     platform = context.getPlatform()
+    if family == "contact" and platform.getName() == "CPU":
+        return "single"  # of its nonbonded forces; those along the chain are computed in double precision
     if "Precision" in platform.getPropertyNames():
         return str(platform.getPropertyValue(context, "Precision"))
     return "double"
@@ -310,9 +340,7 @@ def _as_moved(model: Model, interaction: Interaction, context: mm.Context) -> In
     """Traps where a Context has them; any other interaction as it is."""
     if interaction.term is not traps.Harmonic:
         return interaction
-    numbers = model.trap_numbers
-    shifts = [[context.getParameter(traps.parameter(int(n), axis)) for axis in traps.AXES] for n in numbers]
-    return traps.displaced(interaction, np.array(shifts))
+    return traps.as_moved(interaction, model.trap_numbers, context)
 
 
 def _finer_form(members: list[Interaction]) -> str:
@@ -326,7 +354,9 @@ def _rounded_force(interaction: Interaction, x: Array, rounding: float = _ROUNDE
 
 
 def _shortest(interaction: Interaction, x: Array) -> float:
-    """The shortest segment under a term; 1, the length by which the forces of traps are judged, where it has none."""
+    """The shortest segment under a term; the diameter in contact; for traps 1, the length that they are judged by."""
+    if interaction.term.family == "contact":
+        return float(interaction.parameters["d"].min())
     if interaction.term.span == 1:
         return 1.0
     pairs = interaction.beads[:, :2]
@@ -335,5 +365,7 @@ def _shortest(interaction: Interaction, x: Array) -> float:
 
 def _natural_force(interaction: Interaction, x: Array) -> float:
     """The force that a change of order one (a strain, a radian) would make; of a trap, a displacement by 1."""
+    if interaction.term.family == "contact":
+        return float((interaction.parameters["k"] * interaction.parameters["d"]).max())
     length = _shortest(interaction, x)
     return interaction.stored_energy(length) / length

@@ -135,12 +135,13 @@ def drawn_seed(child: np.random.SeedSequence) -> int:
 
 
 def calm(integrator: Any, model: Model) -> None:
-    """Take the energy of a start out of a chain with dihedrals before it can bring beads into line: steps of strong friction.
+    """Take the energy out of a start that was drawn without torsion or contact: steps of strong friction.
 
-    Such starts are drawn without their torsion and may hold tens of times the thermal energy. Chains without dihedrals,
-    and planar ones, are left alone.
+    Dihedrals may then hold tens of times the thermal energy, which would bring beads into line, and chains may lie in
+    one another. Chains without either, and planar ones without contact, are left alone.
     """
-    if model.planar or not any(i.term.needs_bends and len(i.beads) for i in model.interactions):
+    twisted = not model.planar and any(i.term.needs_bends and len(i.beads) for i in model.interactions)
+    if not twisted and "contact" not in model.groups:
         return
     friction = integrator.getFriction()
     integrator.setFriction(_CALM[0] / integrator.getStepSize())
@@ -266,7 +267,7 @@ def _thermal_limit(model: Model, kelvin: float) -> float:
         for filament, load in zip(model.filaments, model.loads, strict=True):
             pull = float(np.linalg.norm(sum(load.pulls.values(), np.zeros(3))))
             shapes.append(equilibrium_starts(filament, pull, kelvin, 1, rng)[0])
-        limits.append(2.0 / highest_frequency(model, np.concatenate(shapes) / model.scale.length))
+        limits.append(2.0 / highest_frequency(model, np.concatenate(shapes) / model.scale.length, apart=True))
     return min(limits)
 
 

@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from openmm import app, unit
 
 from openmm_filament import _checks as check
-from openmm_filament import traps, units
+from openmm_filament import contact, traps, units
 from openmm_filament._term import Interaction, Term
 from openmm_filament.filament import Filament
 from openmm_filament.geometry import segments
@@ -46,7 +46,8 @@ class Model:
     scale : Scale
         Physical units in one internal unit.
     groups : dict of str to int
-        Force group of each term ("stretching", "bending", "torsion", "electrostatics") and of "pull", "pluck" and "trap".
+        Force group of each term ("stretching", "bending", "torsion", "electrostatics", "contact") and of
+        "pull", "pluck" and "trap".
     filaments, loads : tuple
         What the model was built from, one entry a filament; `loads` resolved, bead indices local to the filament.
     interactions : tuple of Interaction
@@ -159,7 +160,7 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
     Parameters
     ----------
     filaments : Filament or sequence of Filament
-        Replicas are the same filament several times over. Filaments do not interact.
+        Replicas are the same filament several times over. Filaments interact only where both have `contact.Repulsion`.
     loads : sequence
         For one filament its loads, such as `[Hold(0), Pull(-1, f)]`. For several, one such sequence a filament; bead
         indices are local to the filament.
@@ -208,7 +209,11 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
         for interaction in interactions:
             if interaction.term is traps.Harmonic:
                 continue
-            force = _openmm_force(interaction)
+            force = (
+                contact.openmm_force(interaction, len(rest))
+                if isinstance(interaction, contact.Crowd)
+                else _openmm_force(interaction)
+            )
             force.setForceGroup(groups.setdefault(interaction.term.family, len(groups)))
             force.setName(f"{interaction.term.family}.{interaction.term.__name__}")
             system.addForce(force)
@@ -253,19 +258,9 @@ def _bind(chains: Sequence[Filament], loads: Sequence[Loads]) -> list[Interactio
     for chain, load in zip(chains, loads, strict=True):
         own = load.tightened(chain.interactions(), chain.rest._value)
         for interaction in [*own, load.traps] if len(load.traps.beads) else own:
-            shifted = replace(interaction, beads=interaction.beads + start) if start else interaction
-            parts.setdefault(interaction.term, []).append(shifted)
+            parts.setdefault(interaction.term, []).append(interaction.shifted(start))
         start += len(chain)
-    if len(chains) == 1 and all(len(group) == 1 for group in parts.values()):
-        return [group[0] for group in parts.values()]
-    return [
-        Interaction(
-            term,
-            np.concatenate([part.beads for part in group]),
-            {name: np.concatenate([part.parameters[name] for part in group]) for name in term.dimensions},
-        )
-        for term, group in parts.items()
-    ]
+    return [group[0].joined(group) for group in parts.values()]
 
 
 def _choose_scale(chains: Sequence[Filament], rest: Array, bound: Sequence[Interaction]) -> units.Scale:

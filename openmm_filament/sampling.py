@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from openmm import unit
 
 from openmm_filament import _checks as check
-from openmm_filament import units
+from openmm_filament import contact, units
 from openmm_filament.blocks import BlockResult, run_block
 from openmm_filament.checkpoints import Checkpoint
 from openmm_filament.curves import dataset
@@ -179,6 +179,8 @@ def force_extension(
         check_executor(executor)
     meter = Meter(values.tolist(), progress)
     plans = plan_curve(chain, values, kelvin, wanted, dimension, timestep, meter.chosen)
+    if platform in GPUS:
+        contact.refuse("chain", plans[0].choice.filament.interactions(), f"on {platform}")
     files = tuple(os.path.abspath(path) for path in paths.values())
     with ExitStack() as opened:
         store = None

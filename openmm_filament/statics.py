@@ -196,7 +196,7 @@ class _Problem:
         filament, load = model.filaments[0], model.loads[0]
         if len(model.filaments) > 1 or filament.closed or model.planar or load.held != [0] or not self.load:
             return False
-        if len(load.traps.beads):
+        if any(interaction.term.span == 1 for interaction in model.interactions):  # traps and contact
             return False
         return len(filament) > 3 and bool(sines(self.whole(x)).min() > COLLINEAR)
 

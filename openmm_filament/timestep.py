@@ -13,6 +13,7 @@ from scipy.linalg import eigvalsh_tridiagonal
 
 from openmm_filament import _checks as check
 from openmm_filament import units
+from openmm_filament._term import Interaction
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.geometry import bending_angles
 from openmm_filament.hessian import free_degrees, product
@@ -36,7 +37,8 @@ def stable_timestep(model: Model, positions: unit.Quantity | None = None) -> uni
     """The longest stable time step of Verlet, leapfrog and Langevin integration, 2/omega_max, as a physical time.
 
     omega_max is the stiffest mode of the mass-weighted Hessian at `positions` (physical, (N, 3); by default the
-    model's own), found by Lanczos iterations with exact products of it. Motion far from these positions can be stiffer:
+    model's own), found by Lanczos iterations with exact products of it; contact counts, even where there is none yet, with
+    4 k/m, that of beads pressed from both sides. Motion far from these positions can be stiffer:
     use a fraction of the limit. For a scaled model pass `model.to_internal(...)` of it to an OpenMM integrator.
 
     Raises
@@ -48,15 +50,37 @@ def stable_timestep(model: Model, positions: unit.Quantity | None = None) -> uni
     return model.to_physical(2.0 / frequency, "time")
 
 
-def highest_frequency(model: Model, positions: Array) -> float:
-    """omega_max in internal units at internal positions (N, 3)."""
-    positions = _off_the_cones(model, positions)
+def highest_frequency(model: Model, positions: Array, *, apart: bool = False) -> float:
+    """omega_max in internal units at internal positions (N, 3); `apart` where beads that overlap there will not in a run."""
+    squared = _highest_squared(model, _off_the_cones(model, positions), with_contact=False) + _pressed(model)
+    if not apart and any(len(interaction.at(positions).beads) for interaction in _crowds(model)):
+        squared = max(squared, _highest_squared(model, _off_the_cones(model, positions), with_contact=True))
+    if not squared > 0:
+        raise ValueError("Argument `model` must resist some displacement to have a stable time step, but does not.")
+    return math.sqrt(squared)
+
+
+def _crowds(model: Model) -> list[Interaction]:
+    return [interaction for interaction in model.interactions if interaction.term.family == "contact"]
+
+
+def _pressed(model: Model) -> float:
+    """omega^2 that contact may add, whether or not there is any yet: beads pressed from both sides, 4 k/m."""
+    bounds = [4 * i.parameters["k"] / model.masses[i.beads[:, 0]] for i in _crowds(model)]
+    return max((float(values.max(initial=0.0)) for values in bounds), default=0.0)
+
+
+def _highest_squared(model: Model, positions: Array, *, with_contact: bool) -> float:
+    """omega_max^2 of the terms at these positions, with or without the contacts there."""
     masses = model.masses
+    acting = [i for i in model.interactions if with_contact or i.term.family != "contact"]
     free = free_degrees(model)
     if model.planar and np.ptp(positions[:, 2]) > 1e-9 * np.ptp(positions):
         free[:, 2] = free[:, 0]  # a shape out of the plane may turn into it: then what is stiff in z will count
     degrees = int(free.sum())
-    if not degrees or not any(len(interaction.beads) for interaction in model.interactions):
+    if not acting and degrees:
+        return 0.0
+    if not degrees or not any(len(interaction.beads) for interaction in acting):
         raise ValueError(
             "Argument `model` must have a free bead and a term that acts on it to have a stable time step."
         )
@@ -65,12 +89,9 @@ def highest_frequency(model: Model, positions: Array) -> float:
     def apply(vector: Array) -> Array:
         moved = np.zeros_like(positions)
         moved[free] = weights * vector
-        return np.asarray(weights * product(model, positions, moved)[free])
+        return np.asarray(weights * product(acting, positions, moved)[free])
 
-    largest = _largest_eigenvalue(apply, degrees)
-    if not largest > 0:
-        raise ValueError("Argument `model` must resist some displacement to have a stable time step, but does not.")
-    return math.sqrt(largest)
+    return _largest_eigenvalue(apply, degrees)
 
 
 def _off_the_cones(model: Model, positions: Array) -> Array:

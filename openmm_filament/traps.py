@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from openmm_filament._term import Interaction, Parameters, Term
 
-__all__ = ["AXES", "Harmonic", "displaced", "interaction", "openmm_forces", "parameter"]
+__all__ = ["AXES", "Harmonic", "as_moved", "displaced", "interaction", "openmm_forces", "parameter"]
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,12 @@ def displaced(traps: Interaction, shifts: Array) -> Interaction:
     """The traps moved by (M, 3)."""
     moved = {f"{a}0": traps.parameters[f"{a}0"] + shifts[:, i] for i, a in enumerate(AXES)}
     return replace(traps, parameters={**traps.parameters, **moved})
+
+
+def as_moved(traps: Interaction, numbers: NDArray[np.int64], context: mm.Context) -> Interaction:
+    """The traps, of these numbers (M,), where a Context has them."""
+    shifts = [[context.getParameter(parameter(int(n), axis)) for axis in AXES] for n in numbers]
+    return displaced(traps, np.array(shifts))
 
 
 def openmm_forces(traps: Interaction, numbers: NDArray[np.int64]) -> list[mm.CustomExternalForce]:

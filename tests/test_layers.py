@@ -34,7 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("wlc.chain", "wlc.interpolations", "wlc.limits", "wlc.flexible", "wlc.tangents"),
     ("wlc.planar", "wlc.spatial", "wlc.continuous", "analysis.ringing", "analysis.pitch", "analysis.chains"),
     ("wlc.discrete", "analysis.sizes", "analysis.tangents", "analysis.curves", "analysis.least_squares"),
-    ("stretching", "bending", "torsion", "electrostatics", "traps", "loads", "shapes", "wlc"),
+    ("stretching", "bending", "torsion", "electrostatics", "contact", "traps", "loads", "shapes", "wlc"),
     ("filament", "analysis.extension_models"),
     ("analysis.force_extension",),
     ("analysis",),

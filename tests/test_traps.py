@@ -110,7 +110,10 @@ def test_the_hessian_has_the_stiffness_on_the_bead() -> None:
     np.testing.assert_allclose(extra, expected, rtol=0, atol=1e-10)
     direction = np.random.default_rng(3).normal(size=x.shape)
     np.testing.assert_allclose(
-        (hessian(with_trap, x) @ direction.ravel()).reshape(-1, 3), product(with_trap, x, direction), rtol=0, atol=1e-8
+        (hessian(with_trap, x) @ direction.ravel()).reshape(-1, 3),
+        product(with_trap.interactions, x, direction),
+        rtol=0,
+        atol=1e-8,
     )
 
 

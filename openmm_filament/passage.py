@@ -1,0 +1,194 @@
+"""Whether filaments in contact could pass through one another: how much it would take, and how much a run has."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import openmm as mm
+from numpy.typing import NDArray
+from openmm import unit
+from scipy.optimize import minimize
+
+from openmm_filament import contact, traps, units
+from openmm_filament.geometry import chain_indices
+from openmm_filament.integrators import temperature_of
+from openmm_filament.model import Model
+
+__all__ = ["Barrier", "barrier", "crossing_energy", "reason_to_refuse"]
+
+Array = NDArray[np.float64]
+
+_THERMAL = 25.0
+"""Barrier over k_B T below which thermal motion may cross it: exp(-25) is 1e-11."""
+
+_STRIDE = 0.2
+"""Largest way of a bead in one step, over the diameter."""
+
+_SCATTER = 5.0
+"""Standard deviations of the thermal kinetic energy that are taken for thermal."""
+
+_REACH = 4
+"""Beads on each side of a crossing that can touch, as the spacing is at least a third of the diameter where it counts."""
+
+
+@dataclass(frozen=True)
+class Barrier:
+    """What it takes to push two filaments of a model through each other.
+
+    Attributes
+    ----------
+    energy : Quantity
+        The least energy of two crossed filaments in one place, the bonds giving way.
+    force : Quantity
+        That energy over the diameter: a steady push below it cannot do that work on the way.
+    """
+
+    energy: unit.Quantity
+    force: unit.Quantity
+
+
+def barrier(model: Model, positions: unit.Quantity | None = None) -> Barrier | None:
+    """The barrier between the filaments of a model with `contact.Repulsion`, from its weakest numbers; None without contact.
+
+    The longest bond (at internal `positions`, (N, 3); by default the rest shapes), the smallest diameter and the softest
+    springs of any filament are taken together, so that no pair of filaments has less. Levers and wedges can make more of
+    a force than it is; an energy cannot be passed.
+    """
+    numbers = _weakest(model, units.numbers("positions", model.positions if positions is None else positions, "length"))
+    if numbers is None:
+        return None
+    spacing, diameter, stiffness, stretching = numbers
+    energy = crossing_energy(spacing, diameter, stiffness, stretching)
+    return Barrier(model.to_physical(energy, "energy"), model.to_physical(energy / diameter, "force"))
+
+
+def _weakest(model: Model, x: Array) -> tuple[float, float, float, float] | None:
+    crowd = _crowd(model)
+    if crowd is None:
+        return None
+    members = crowd.beads[:, 0]
+    bonds = np.concatenate(
+        [start + chain_indices(len(f), 2, f.closed) for start, f in zip(model.starts, model.filaments, strict=False)]
+    )
+    bonds = bonds[np.isin(bonds, members).all(axis=1)]
+    spacing = float(np.linalg.norm(x[bonds[:, 1]] - x[bonds[:, 0]], axis=-1).max(initial=0.0))
+    springs = [i.parameters["k"] for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
+    stretching = min((float(k.min()) for k in springs), default=0.0)
+    return spacing, float(crowd.parameters["d"].min()), float(crowd.parameters["k"].min()), stretching
+
+
+def _crowd(model: Model) -> contact.Crowd | None:
+    return next((i for i in model.interactions if isinstance(i, contact.Crowd) and len(i.beads)), None)
+
+
+@lru_cache(maxsize=256)
+def crossing_energy(spacing: float, diameter: float, stiffness: float, stretching: float) -> float:
+    """The least energy of two straight crossed bead chains whose axes meet, in one consistent set of units.
+
+    The chains cross at a right angle, where they overlap least, at any place along their bonds; the two bonds that cross
+    may open, each half of a chain moving away with it. Without bonds that resist there is no barrier.
+    """
+    if not stretching > 0:
+        return 0.0
+    if not spacing:
+        return stiffness * diameter**2 / 2
+    number = np.arange(-_REACH, _REACH + 2)
+
+    def energy(where: Array) -> float:
+        p, q, *gaps = (
+            where  # offsets of the crossing from the bonds' middles and openings of the bonds, over the spacing
+        )
+        u, v = (
+            spacing * (number - 0.5 - offset + gap * (np.where(number > 0, 0.5, -0.5)))
+            for offset, gap in zip((p, q), gaps, strict=True)
+        )
+        depth = np.maximum(diameter - np.sqrt(u[:, None] ** 2 + v**2), 0)
+        stored = stiffness / 2 * (depth**2).sum() + stretching / 2 * sum((spacing * gap) ** 2 for gap in gaps)
+        return float(stored / (stiffness * diameter**2))
+
+    bounds = [(0, 0.5)] * 2 + [(0, 4 * diameter / spacing)] * 2
+    starts = [(p, q, 0.1, 0.1) for p, q in ((0.01, 0.01), (0.25, 0.25), (0.01, 0.49), (0.49, 0.49))]
+    return (
+        stiffness * diameter**2 * min(float(minimize(energy, s, method="L-BFGS-B", bounds=bounds).fun) for s in starts)
+    )
+
+
+def reason_to_refuse(model: Model, context: mm.Context | None, x: Array) -> str | None:
+    """Why filaments could pass through one another at internal positions (N, 3), or None.
+
+    Without a Context the spacing and the loads are judged, with one its temperature, motion and time step too.
+    """
+    numbers = _weakest(model, x)
+    if numbers is None:
+        return None
+    energy = crossing_energy(*numbers)
+    at_rest = _of_spacing(*numbers, energy) or _of_loads(model, context, x, energy, numbers[1])
+    return at_rest or (None if context is None else _of_motion(model, context, energy, numbers[1]))
+
+
+def _of_spacing(spacing: float, diameter: float, stiffness: float, stretching: float, energy: float) -> str | None:
+    if spacing < math.sqrt(2) * diameter and energy > 0:
+        return None
+    why = f"are {spacing / diameter:.3g} apart" if stretching else "nothing resists stretching"
+    return f"Beads in contact must stand within 1.41 diameters along a filament that is not to be passed, but {why}."
+
+
+def _of_loads(model: Model, context: mm.Context | None, x: Array, energy: float, diameter: float) -> str | None:
+    push = sum(sorted(_pushes(model, context, x))[-2:])
+    if push * diameter <= energy:
+        return None
+    return _too_much(model, "steady force on filaments", "force", push, energy / diameter)
+
+
+def _of_motion(model: Model, context: mm.Context, energy: float, diameter: float) -> str | None:
+    integrator = context.getIntegrator()
+    kt = units.BOLTZMANN * (temperature_of(integrator) or 0.0)
+    if _THERMAL * kt > energy:
+        return (
+            f"The barrier between filaments in contact must be at least {_THERMAL:g} k_B T, but is {energy / kt:.3g}."
+        )
+    velocities = context.getState(velocities=True).getVelocities(asNumpy=True)._value
+    excess = sum(sorted(_excess_motion(model, velocities, kt))[-2:])
+    if excess > energy:
+        return _too_much(model, "energy of motion of filaments", "energy", excess, energy)
+    fastest = float(np.linalg.norm(velocities, axis=-1).max())
+    stride = fastest * integrator.getStepSize().value_in_unit(unit.picosecond) / diameter
+    if stride <= _STRIDE:
+        return None
+    return (
+        f"Beads in contact must move less than {_STRIDE:g} of their diameter in a time step, but the fastest moves "
+        f"{stride:.3g}."
+    )
+
+
+def _too_much(model: Model, what: str, dimension: str, found: float, allowed: float) -> str:
+    shown = [model.to_physical(value, dimension) for value in (allowed, found)]
+    return (
+        f"The {what} in contact must stay below what pushes them through one another, {shown[0]}, but is {shown[1]}: "
+        "use stiffer contact or a smaller spacing."
+    )
+
+
+def _pushes(model: Model, context: mm.Context | None, x: Array) -> list[float]:
+    """The sum of the sizes of the external forces on each filament."""
+    size = np.linalg.norm(model.pulls, axis=-1) + np.linalg.norm(model.plucks, axis=-1)
+    for interaction in model.interactions:
+        if interaction.term is traps.Harmonic:
+            here = interaction if context is None else traps.as_moved(interaction, model.trap_numbers, context)
+            size += np.linalg.norm(here.forces(x), axis=-1)
+    return [float(part.sum()) for part in model.split(size)]
+
+
+def _excess_motion(model: Model, velocities: Any, kt: float) -> list[float]:
+    """The kinetic energy of each filament beyond what a thermostat gives it."""
+    energies = 0.5 * model.masses * (np.asarray(velocities) ** 2).sum(axis=-1)
+    energies[model.held] = 0.0
+    out = []
+    for part in model.split(energies):
+        freedoms = 3 * len(part)
+        out.append(max(float(part.sum()) - kt * (freedoms / 2 + _SCATTER * math.sqrt(freedoms / 2)), 0.0))
+    return out
