@@ -106,9 +106,10 @@ def preflight(
     Warns
     -----
     PreflightWarning
-        For nearly collinear beads under torsion, beads that overlap by a tenth of their diameter, beads in line whose joint rests bent, a time step that looks physical on
-        a scaled model, an integrator there that is not of this package, and smaller forces that carry an error above the
-        tolerance, down to what the rounding of the coordinates makes.
+        For nearly collinear beads under torsion, beads that overlap by a tenth of their diameter, beads in line whose
+        joint rests bent, a time step that looks physical on a scaled model, an integrator there that is not of this
+        package, and smaller forces that carry an error above the tolerance, down to what the rounding of the coordinates
+        makes.
     """
     x = internal_positions(model) if context is None else _context_positions(model, context)
     _check_positions(model, x)
