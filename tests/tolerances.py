@@ -127,3 +127,11 @@ FUZZ = 1e-3
 """Forces of random scenes against NumPy, over the largest force of a term: what preflight lets pass without a word."""
 FUZZ_AT_REST = 2e-9
 """The same over the force that a strain or angle of one would make: what preflight lets pass where a scene is at rest."""
+LINKING = 1e-12
+"""Linking numbers and writhes of chains of some 50 segments: integers, 60 digits, other frames and scales."""
+LINKING_OF_A_PAIR = 1e-15
+"""One pair of segments against 60 digits, down to 1e-12 of a segment apart."""
+GAUSS_QUADRATURE = 1e-8
+"""Gauss integrals by Gauss and Legendre's rule."""
+EXTRAPOLATED_WRITHE = 1e-5
+"""Writhe of smooth curves, extrapolated from polygons of 200 and 400 segments."""
