@@ -30,8 +30,8 @@ def edges(x: Array, closed: bool) -> tuple[Array, Array]:
 
 def crossings(p: Array, q: Array, closed: bool, rotation: Array, pairs: Array | None = None) -> float:
     """Signed crossings of two projected curves, +1 for a right-handed one, over the pairs of segments chosen."""
-    (a, b), (c, d) = (edges(x @ rotation.T, closed) for x in (p, q))
-    a, b, c, d = (x[:, None] for x in (a, b)) + tuple(x[None] for x in (c, d))  # type: ignore[operator]
+    a, b = (x[:, None] for x in edges(p @ rotation.T, closed))
+    c, d = (x[None] for x in edges(q @ rotation.T, closed))
     u, v, w = b - a, d - c, c - a
     area = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
     s = (w[..., 0] * v[..., 1] - w[..., 1] * v[..., 0]) / np.where(area, area, np.inf)
@@ -115,7 +115,7 @@ def test_hopf_links_of_both_hands_are_linked_once(count: int) -> None:
     assert float(analysis.linking(flat * MIRROR, upright * MIRROR, closed=True)) == pytest.approx(
         -hand, abs=tol.LINKING
     )
-    assert abs(analysis.linking(flat, upright + [0.0, 3, 0], closed=True)) < tol.LINKING
+    assert abs(analysis.linking(flat, upright + np.array([0.0, 3, 0]), closed=True)) < tol.LINKING
 
 
 def test_strands_of_a_right_handed_double_helix_are_linked_positively() -> None:
@@ -144,7 +144,7 @@ def test_random_closed_chains_are_linked_as_their_crossings_say(rng: np.random.G
 
 
 def test_open_chains_by_quadrature(rng: np.random.Generator) -> None:
-    p, q = random_chain(rng, 6), random_chain(rng, 8) + [0.0, 0, 3]
+    p, q = random_chain(rng, 6), random_chain(rng, 8) + np.array([0.0, 0, 3])
     coarse, fine = (quadrature(p, q, False, order) for order in (24, 40))
     assert coarse == pytest.approx(fine, abs=tol.GAUSS_QUADRATURE / 10), "the quadrature itself"
     assert float(analysis.linking(p, q)) == pytest.approx(fine, abs=tol.GAUSS_QUADRATURE)
@@ -223,11 +223,13 @@ def test_a_corner_close_to_a_segment_keeps_closed_curves_whole(height: float, rn
     assert linked(-height) == pytest.approx(0, abs=tol.LINKING)
 
 
-@pytest.mark.parametrize("gap", [1e-2, 1e-5, 1e-9])
-def test_segments_side_by_side_add_nothing(gap: float) -> None:
+@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6])
+def test_segments_side_by_side_add_nothing(gap: float, rng: np.random.Generator) -> None:
     p = np.array([[0.0, 0, 0], [1, 0, 0]])
-    assert abs(float(analysis.linking(p, p + [0.3, gap, 0]))) < tol.LINKING
-    assert float(analysis.linking(p, p + [2.0, 0, 0])) == 0
+    assert float(analysis.linking(p, p + np.array([2.0, 0, 0]))) == 0
+    for way in (random_rotation(rng) for _ in range(10)):  # which leaves an angle of 1e-16 between them
+        found = float(analysis.linking(p @ way, (p + np.array([0.3, gap, 0])) @ way))
+        assert abs(found) < tol.LINKING_OF_A_PAIR / gap
 
 
 @pytest.mark.parametrize(
@@ -237,7 +239,8 @@ def test_segments_side_by_side_add_nothing(gap: float) -> None:
         pytest.param([[0.2, 0.0, 0], [0, 0.5, 1]], id="corner on a segment"),
         pytest.param([[0.5, 0.0, 0], [0.7, 0.5, 1]], id="corner on a corner"),
         pytest.param([[0.2, 0.0, 0], [3, 0, 0]], id="overlapping"),
-        pytest.param([[-0.5, 0.0, 0], [0.5, 0, 0]], id="the same"),
+        pytest.param([[0.2, 1e-9, 0], [3, 1e-9, 0]], id="side by side"),
+        pytest.param([[-0.4, 0.0, 0], [0.4, 0, 0]], id="within"),
     ],
 )
 def test_touching_curves_are_refused(other: Any, rng: np.random.Generator) -> None:

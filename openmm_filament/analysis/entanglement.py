@@ -34,7 +34,7 @@ _NEAR = 0.1
 times |a||b||c||d|: where it is near or seen under more than half a turn."""
 
 _TOUCHING = 1e-14
-"""Distance over the longer segment below which the side on which two segments pass is lost in rounding."""
+"""Real and imaginary part over |a||b||c||d|, and distance of two corners over a segment, that rounding may have made."""
 
 
 def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False) -> Array:
@@ -60,8 +60,9 @@ def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False
     Raises
     ------
     ValueError
-        If shapes do not fit, a coordinate is not finite, successive points coincide, or the curves touch: segments nearer
-        than 1e-14 of the longer one, on either side of which the integral differs by up to 1.
+        If shapes do not fit, a coordinate is not finite, successive points coincide, or the curves touch, which leaves open
+        on what side they pass, and the integral by 1. That is told from rounding down to about 1e-14 of a segment's length,
+        to 1e-7 where segments run side by side.
 
     Notes
     -----
@@ -80,7 +81,7 @@ def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False
     if len(p) != len(q) and 1 not in {len(p), len(q)}:
         raise ValueError(f"Argument `second` must have {len(p)} frames or one, but has {len(q)}.")
     total = np.zeros(max(len(p), len(q)))
-    p, q = (np.broadcast_to(x, (len(total), *x.shape[1:])) for x in (p, q))
+    p, q = (np.broadcast_to(x, (len(total), *x.shape[1:])) for x in _near_one(p, q))
     rows = max(1, min(p.shape[1] - 1, _PAIRS // q.shape[1]))
     for frames, i in _blocks(len(total), p.shape[1] - 1, rows, q.shape[1]):
         angles = _solid_angles(p[frames, i.start : i.stop + 1], q[frames], (frames.start, i.start, 0), None)
@@ -120,6 +121,7 @@ def writhe(curve: Any, *, closed: bool = False) -> Array:
     np.float64(6.567)
     """
     x, framed = _polygon("curve", curve, closed)
+    (x,) = _near_one(x)
     count = x.shape[1] - 1
     total = np.zeros(len(x))
     for frames, i in _blocks(len(x), count, _ROWS, count + 1):
@@ -137,7 +139,7 @@ def writhe(curve: Any, *, closed: bool = False) -> Array:
 
 
 def _polygon(name: str, curve: Any, closed: bool) -> tuple[Array, bool]:
-    """The corners (T, n + 1, 3) of n segments, in units near 1, the first again at the end where it is closed."""
+    """The corners (T, n + 1, 3) of n segments, the first again at the end where it is closed."""
     x, framed = curve_points(name, curve, 3 if closed else 2)
     if closed:
         x = np.concatenate([x, x[:, :1]], axis=1)
@@ -149,6 +151,12 @@ def _polygon(name: str, curve: Any, closed: bool) -> tuple[Array, bool]:
             f"Argument `{name}` must keep successive points apart, but points {point} and {after} coincide in frame {frame}."
         )
     return x, framed
+
+
+def _near_one(*curves: Array) -> tuple[Array, ...]:
+    """Curves in one unit of their own size, a power of two, which rounds nothing: products of six lengths stay in range."""
+    _, exponent = np.frexp(max(np.abs(x).max() for x in curves))
+    return tuple(np.ldexp(x, -exponent) for x in curves)
 
 
 def _blocks(frames: int, count: int, rows: int, columns: int) -> Iterator[tuple[slice, slice]]:
@@ -196,7 +204,8 @@ def _solid_angles(p: Array, q: Array, place: tuple[int, int, int], left_out: NDA
     real = first[..., :-1] * first[..., 1:] + second[..., :-1, :] * second[..., 1:, :]
     real -= (across - _along(v[a], v[c])) * (other - _along(v[b], v[d]))
     volume = _triple(np.diff(y), np.diff(x, axis=-2), v[a])
-    angles: Array = 2 * np.arctan2(volume * (r[a] + r[b] + r[c] + r[d]), real)
+    imaginary = volume * (r[a] + r[b] + r[c] + r[d])
+    angles: Array = 2 * np.arctan2(imaginary, real)
     near = real <= _NEAR * (across * other)
     if left_out is not None:
         angles[:, left_out] = 0.0
@@ -204,7 +213,16 @@ def _solid_angles(p: Array, q: Array, place: tuple[int, int, int], left_out: NDA
     if near.any():
         t, i, j = np.nonzero(near)
         corners = [q[t, j + n] - p[t, i + m] for m, n in ((0, 0), (1, 0), (1, 1), (0, 1))]
-        _refuse_touching(corners, volume[near], angles[near], np.stack([t, i, j], axis=-1) + place)
+        size = _TOUCHING * (across * other)[near]
+        lengths = [np.sqrt(dot(x, x)) for x in (*corners, corners[1] - corners[0], corners[2] - corners[1])]
+        touching = (np.abs(imaginary[near]) <= size) & (real[near] <= size)
+        touching |= np.min(lengths[:4], axis=0) <= _TOUCHING * np.max(lengths[4:], axis=0)
+        if touching.any():
+            k = int(np.argmax(touching))
+            raise ValueError(
+                f"The curves must not touch, but segments {i[k] + place[1]} and {j[k] + place[2]} do in frame "
+                f"{t[k] + place[0]}."
+            )
         turns = _exterior_angles(corners)
         angles[near] = 2 * np.pi * np.round((angles[near] + turns) / (2 * np.pi)) - turns
     return angles
@@ -222,27 +240,3 @@ def _exterior_angles(corners: list[Array]) -> Array:
         before, after = normals[k - 1], normals[k]
         total += np.arctan2(dot(corner, cross(before, after)) / np.sqrt(dot(corner, corner)), dot(before, after))
     return total
-
-
-def _refuse_touching(corners: list[Array], volume: Array, angles: Array, places: NDArray[np.int64]) -> None:
-    """Raise where segments touch, in a corner or, the solid angle being more than pi, between corners."""
-    a, b, c, d = corners
-    length = np.sqrt(np.maximum(dot(b - a, b - a), dot(c - b, c - b)))
-    distance = np.min([_from_origin(u, v) for u, v in ((a, b), (b, c), (c, d), (d, a))], axis=0)
-    normal = cross(b - a, c - b)
-    area = np.sqrt(dot(normal, normal))
-    inside = np.abs(angles) > np.pi
-    distance[inside] = np.minimum(distance[inside], np.abs(volume[inside]) / area[inside])
-    touching = distance <= _TOUCHING * length
-    if touching.any():
-        frame, i, j = (int(n) for n in places[touching][0])
-        raise ValueError(
-            f"The curves must not touch, but segments {i} and {j} do in frame {frame}: no side is defined."
-        )
-
-
-def _from_origin(u: Array, v: Array) -> Array:
-    """Distances (n,) of the origin from the segments between u and v (n, 3)."""
-    step = v - u
-    nearest = u + np.clip(-dot(u, step) / dot(step, step), 0.0, 1.0)[:, None] * step
-    return np.sqrt(dot(nearest, nearest))
