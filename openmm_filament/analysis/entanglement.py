@@ -85,8 +85,9 @@ def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False
         raise ValueError(f"Argument `second` must have {len(p)} frames or one, but has {len(q)}.")
     total = np.zeros(max(len(p), len(q)))
     p, q = (np.broadcast_to(x, (len(total), *x.shape[1:])) for x in _near_one(p, q))
-    rows = max(1, min(p.shape[1] - 1, _PAIRS // q.shape[1]))
-    for frames, i in _blocks(len(total), p.shape[1] - 1, rows, q.shape[1]):
+    count, columns = p.shape[1] - 1, q.shape[1] - 1
+    rows = max(1, min(count, _PAIRS // columns))
+    for frames, i in _blocks(len(total), count, rows, columns):
         angles = _solid_angles(p[frames, i.start : i.stop + 1], q[frames], (frames.start, i.start, 0), None)
         total[frames] += angles.sum(axis=(1, 2))
     result = total / (4 * np.pi)
@@ -127,7 +128,8 @@ def writhe(curve: Any, *, closed: bool = False) -> Array:
     (x,) = _near_one(x)
     count = x.shape[1] - 1
     total = np.zeros(len(x))
-    for frames, i in _blocks(len(x), count, _ROWS, count + 1):
+    rows = max(1, min(_ROWS, _PAIRS // count))
+    for frames, i in _blocks(len(x), count, rows, count):
         j = np.arange(i.start + 2, count)
         if not len(j):
             continue
@@ -185,7 +187,7 @@ def _triple(u: Array, v: Array, w: Array) -> Array:
 
 
 def _solid_angles(p: Array, q: Array, place: tuple[int, int, int], left_out: NDArray[np.bool_] | None) -> Array:
-    """Signed solid angles (T, n, m) of the segments of p (T, n + 1, 3) seen from those of q (T, m + 1, 3).
+    """Solid angles (T, n, m) of segments of p (T, n + 1, 3) seen from those of q (T, m + 1, 3), right-handed ones positive.
 
     The vectors from a segment to another fill a parallelogram with corners a, b, c, d. Half its solid angle is the phase
     of `tr (1 + a)(1 + b)(1 + c)(1 + d)`, a to d standing for unit vectors times Pauli matrices (the geometric phase of a spin
