@@ -5,7 +5,10 @@ taken wherever positions are.
 """
 
 from openmm_filament.analysis.averages import Average, average
+from openmm_filament.analysis.chains import split_chains
+from openmm_filament.analysis.contacts import contacts
 from openmm_filament.analysis.curves import Curve, read_curve
+from openmm_filament.analysis.entanglement import linking, writhe
 from openmm_filament.analysis.force_extension import ForceExtensionFit, fit_force_extension
 from openmm_filament.analysis.peaks import Lines, lines
 from openmm_filament.analysis.pitch import Pitch, instantaneous_pitch
@@ -30,15 +33,19 @@ __all__ = [
     "Spectrum",
     "TangentCorrelation",
     "average",
+    "contacts",
     "damped_sinusoids",
     "fit_force_extension",
     "instantaneous_pitch",
     "lines",
+    "linking",
     "mean_squared_end_to_end",
     "mean_squared_radius_of_gyration",
     "persistence_length",
     "read_curve",
     "spectrum",
+    "split_chains",
     "tangent_correlation",
     "uniform_interval",
+    "writhe",
 ]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from openmm_filament import _checks as check
 from openmm_filament.geometry import segments
 
-__all__ = ["chain_positions", "chain_segments"]
+__all__ = ["chain_positions", "chain_segments", "curve_points", "split_chains"]
 
 Array = NDArray[np.float64]
 
@@ -54,13 +54,58 @@ def _chains_of(trajectory: Any) -> NDArray[np.int64]:
     """Indices (M, N) of the atoms of each chain of a trajectory's topology."""
     if getattr(trajectory, "topology", None) is None:
         return np.arange(trajectory.xyz.shape[1])[None]
-    chains = [[atom.index for atom in chain.atoms] for chain in trajectory.topology.chains]
+    chains = _atoms_by_chain(trajectory)
     lengths = sorted({len(chain) for chain in chains})
     if len(lengths) != 1:
         raise ValueError(
             f"Argument `positions` must hold chains of one length, but holds chains of {lengths} atoms: choose with `atoms`."
         )
     return np.array(chains, dtype=np.int64)
+
+
+def _atoms_by_chain(trajectory: Any) -> list[list[int]]:
+    return [[atom.index for atom in chain.atoms] for chain in trajectory.topology.chains]
+
+
+def split_chains(trajectory: Any) -> tuple[Array, ...]:
+    """Positions (T, N, 3) in nm of each chain of an `mdtraj.Trajectory`, in the order of its topology, of any lengths.
+
+    For functions of two curves: `linking(*split_chains(frames))`.
+
+    Raises
+    ------
+    TypeError
+        If `trajectory` has no topology to split it by.
+    ValueError
+        If a coordinate is not finite.
+    """
+    if getattr(trajectory, "topology", None) is None or not hasattr(trajectory, "xyz"):
+        raise TypeError(f"Argument `trajectory` must be an mdtraj.Trajectory, but is a {type(trajectory).__name__}.")
+    values = check.finite("trajectory", trajectory.xyz)
+    return tuple(values[:, atoms] for atoms in _atoms_by_chain(trajectory))
+
+
+def curve_points(name: str, curve: Any, least: int) -> tuple[Array, bool]:
+    """One curve a frame, (T, N, 3), and whether there was an axis for frames; a single curve (N, 3) gets T = 1.
+
+    Raises
+    ------
+    ValueError
+        If the shape does not fit, a curve has fewer than `least` points, a coordinate is not finite, or a trajectory holds
+        several chains.
+    """
+    if getattr(curve, "topology", None) is not None and (chains := len(_atoms_by_chain(curve))) != 1:
+        raise ValueError(
+            f"Argument `{name}` must hold one chain, but holds {chains}: take them apart with `analysis.split_chains`."
+        )
+    values = check.finite(name, getattr(curve, "xyz", curve))
+    if values.ndim not in {2, 3} or values.shape[-1] != 3 or not len(values):
+        raise ValueError(
+            f"Argument `{name}` must have shape (points, 3) or (frames, points, 3), but has shape {values.shape}."
+        )
+    if values.shape[-2] < least:
+        raise ValueError(f"Argument `{name}` must have at least {least} points, but has {values.shape[-2]}.")
+    return (values, True) if values.ndim == 3 else (values[None], False)
 
 
 def chain_segments(positions: Array) -> tuple[Array, Array]:
