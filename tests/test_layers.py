@@ -32,7 +32,15 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "analysis.averages",
     ),
     ("wlc.chain", "wlc.interpolations", "wlc.limits", "wlc.flexible", "wlc.tangents"),
-    ("wlc.planar", "wlc.spatial", "wlc.continuous", "analysis.ringing", "analysis.pitch", "analysis.chains"),
+    (
+        "wlc.planar",
+        "wlc.spatial",
+        "wlc.continuous",
+        "analysis.ringing",
+        "analysis.pitch",
+        "analysis.chains",
+        "analysis.solid_angles",
+    ),
     (
         "wlc.discrete",
         "analysis.sizes",

@@ -18,24 +18,18 @@ from numpy.typing import NDArray
 
 from openmm_filament import _checks as check
 from openmm_filament.analysis.chains import curve_points
-from openmm_filament.geometry import cross, dot, segments
+from openmm_filament.analysis.solid_angles import solid_angles
+from openmm_filament.geometry import segments
 
 __all__ = ["linking", "writhe"]
 
 Array = NDArray[np.float64]
 
-_PAIRS = 2**15
-"""Pairs of segments worked on at a time: arrays of a quarter of a megabyte."""
+_PAIRS = 2**14
+"""Pairs of segments worked on at a time: arrays of an eighth of a megabyte, which stay in a cache."""
 
 _ROWS = 32
 """Segments taken against all that follow them when a curve meets itself: of such a square, half is wasted."""
-
-_NEAR = 0.1
-"""A pair is worked out again by its corners where the real part in `_solid_angles`, at most 8 |a||b||c||d|, is less than this
-times |a||b||c||d|: where it is near or seen under more than half a turn."""
-
-_TOUCHING = 1e-14
-"""Real and imaginary part over |a||b||c||d|, and distance of two corners over a segment, that rounding may have made."""
 
 
 def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False) -> Array:
@@ -43,7 +37,7 @@ def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False
 
     Each pair of segments adds the solid angle, over 4 pi, of the parallelogram of the vectors from one to the other
     (Banchoff, Indiana Univ. Math. J. 25, 1171, 1976; Klenin and Langowski, Biopolymers 54, 307, 2000). It is taken from one
-    arctangent for each pair, which keeps its digits for far and for near segments; see `_solid_angles`.
+    arctangent for each pair, which keeps its digits for far and for near segments; see `analysis.solid_angles`.
 
     Parameters
     ----------
@@ -88,7 +82,7 @@ def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False
     count, columns = p.shape[1] - 1, q.shape[1] - 1
     rows = max(1, min(count, _PAIRS // columns))
     for frames, i in _blocks(len(total), count, rows, columns):
-        angles = _solid_angles(p[frames, i.start : i.stop + 1], q[frames], (frames.start, i.start, 0), None)
+        angles = solid_angles(p[frames, i.start : i.stop + 1], q[frames], (frames.start, i.start, 0), None)
         total[frames] += angles.sum(axis=(1, 2))
     result = total / (4 * np.pi)
     return result if framed or also else result[0]
@@ -136,9 +130,9 @@ def writhe(curve: Any, *, closed: bool = False) -> Array:
         row = np.arange(i.start, i.stop)[:, None]
         neighbours = (j < row + 2) | (closed & (row == 0) & (j == count - 1))
         place = (frames.start, i.start, i.start + 2)
-        total[frames] += _solid_angles(
-            x[frames, i.start : i.stop + 1], x[frames, i.start + 2 :], place, neighbours
-        ).sum(axis=(1, 2))
+        total[frames] += solid_angles(x[frames, i.start : i.stop + 1], x[frames, i.start + 2 :], place, neighbours).sum(
+            axis=(1, 2)
+        )
     result = total / (2 * np.pi)
     return result if framed else result[0]
 
@@ -170,78 +164,3 @@ def _blocks(frames: int, count: int, rows: int, columns: int) -> Iterator[tuple[
     for i in range(0, count, rows):
         for frame in range(0, frames, together):
             yield slice(frame, min(frame + together, frames)), slice(i, min(i + rows, count))
-
-
-def _along(u: Array, v: Array) -> Array:
-    """Scalar products over the first axis."""
-    product: Array = np.einsum("k...,k...->...", u, v)
-    return product
-
-
-def _triple(u: Array, v: Array, w: Array) -> Array:
-    """Triple products `u.(v x w)` of vectors with their components along the first axis."""
-    product: Array = u[0] * (v[1] * w[2] - v[2] * w[1])
-    product += u[1] * (v[2] * w[0] - v[0] * w[2])
-    product += u[2] * (v[0] * w[1] - v[1] * w[0])
-    return product
-
-
-def _solid_angles(p: Array, q: Array, place: tuple[int, int, int], left_out: NDArray[np.bool_] | None) -> Array:
-    """Solid angles (T, n, m) of segments of p (T, n + 1, 3) seen from those of q (T, m + 1, 3), right-handed ones positive.
-
-    The vectors from a segment to another fill a parallelogram with corners a, b, c, d. Half its solid angle is the phase
-    of `tr (1 + a)(1 + b)(1 + c)(1 + d)`, a to d standing for unit vectors times Pauli matrices (the geometric phase of a spin
-    led round it). With lengths written |a| and put back,
-
-    `Re = (|a||b| + a.b)(|c||d| + c.d) + (|b||c| + b.c)(|d||a| + d.a) - (|a||c| - a.c)(|b||d| - b.d)`,
-    `Im = [a b c] (|a| + |b| + |c| + |d|)`,
-
-    the triple product being that of any three corners in turn. Both vanish only where a corner lies on the other segment.
-    Segments in `left_out` (n, m) add nothing; `place` is that of the block, for messages.
-    """
-    x, y = np.moveaxis(p, -1, 0)[..., :, None], np.moveaxis(q, -1, 0)[..., None, :]
-    v = np.ascontiguousarray(y - x)
-    r = np.sqrt(_along(v, v))
-    a, b, c, d = (np.s_[..., :-1, :-1], np.s_[..., 1:, :-1], np.s_[..., 1:, 1:], np.s_[..., :-1, 1:])
-    first = _along(v[..., :-1, :], v[..., 1:, :]) + r[..., :-1, :] * r[..., 1:, :]
-    second = _along(v[..., :-1], v[..., 1:]) + r[..., :-1] * r[..., 1:]
-    across, other = r[a] * r[c], r[b] * r[d]
-    real = first[..., :-1] * first[..., 1:] + second[..., :-1, :] * second[..., 1:, :]
-    real -= (across - _along(v[a], v[c])) * (other - _along(v[b], v[d]))
-    volume = _triple(np.diff(y), np.diff(x, axis=-2), v[a])
-    imaginary = volume * (r[a] + r[b] + r[c] + r[d])
-    angles: Array = 2 * np.arctan2(imaginary, real)
-    near = real <= _NEAR * (across * other)
-    if left_out is not None:
-        angles[:, left_out] = 0.0
-        near &= ~left_out
-    if near.any():
-        t, i, j = np.nonzero(near)
-        corners = [q[t, j + n] - p[t, i + m] for m, n in ((0, 0), (1, 0), (1, 1), (0, 1))]
-        size = _TOUCHING * (across * other)[near]
-        lengths = [np.sqrt(dot(x, x)) for x in (*corners, corners[1] - corners[0], corners[2] - corners[1])]
-        touching = (np.abs(imaginary[near]) <= size) & (real[near] <= size)
-        touching |= np.min(lengths[:4], axis=0) <= _TOUCHING * np.max(lengths[4:], axis=0)
-        if touching.any():
-            k = int(np.argmax(touching))
-            raise ValueError(
-                f"The curves must not touch, but segments {i[k] + place[1]} and {j[k] + place[2]} do in frame "
-                f"{t[k] + place[0]}."
-            )
-        turns = _exterior_angles(corners)
-        angles[near] = 2 * np.pi * np.round((angles[near] + turns) / (2 * np.pi)) - turns
-    return angles
-
-
-def _exterior_angles(corners: list[Array]) -> Array:
-    """Sums (n,) of the exterior angles of spherical quadrilaterals with corners (n, 3): 2 pi less the solid angle.
-
-    Segments with a corner in common have a normal in common: what rounding does to it, near a corner that almost lies on
-    the other curve, cancels in their sum.
-    """
-    normals = [cross(corner, corners[(k + 1) % 4]) for k, corner in enumerate(corners)]
-    total = np.zeros(len(corners[0]))
-    for k, corner in enumerate(corners):
-        before, after = normals[k - 1], normals[k]
-        total += np.arctan2(dot(corner, cross(before, after)) / np.sqrt(dot(corner, corner)), dot(before, after))
-    return total
