@@ -46,6 +46,8 @@ class Meter:
     """Tells `progress`, if there is one, what has been done."""
 
     def __init__(self, forces: Sequence[float], progress: Callable[[Progress], None] | None) -> None:
+        if progress is not None and not callable(progress):
+            raise TypeError(f"Argument `progress` must be a function of a Progress, or None, but is {progress!r}.")
         self._forces, self._tell = forces, progress
         self._fraction = 0.0
         self._begun, self._before = time.perf_counter(), 0.0

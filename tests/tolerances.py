@@ -137,3 +137,9 @@ GAUSS_QUADRATURE = 1e-10
 """Gauss integrals by Gauss and Legendre's rule. Measured: 4e-15."""
 EXTRAPOLATED_WRITHE = 1e-5
 """Writhe of smooth curves, extrapolated from polygons of 200 and 400 segments. Measured: 1.3e-6 (a helix of 6 turns)."""
+CONTACT_SINGLE = 1e-4
+"""Contact on OpenMM's CPU platform, in single precision: beads overlap by differences of coordinates near 10."""
+COLLISION = 1e-5
+"""Verlet, 0.0035 of a period a step: it ends a collision (dt omega)^2/24 = 5e-7 off, and at a step of its own."""
+AT_REST_IN_CONTACT = 1e-7
+"""Force on a bead at rest over the load on it."""
