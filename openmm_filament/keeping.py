@@ -60,8 +60,12 @@ def take_all(points: Sequence[Point], results: Sequence[BlockResult], store: Che
 
 
 def intact(store: Checkpoint | None) -> str:
-    """What an error says of the checkpoint, if there is one."""
-    return "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
+    """What an error says of the checkpoint, if there is one; without a block it is removed."""
+    if store is None:
+        return ""
+    if not store.holds_blocks:
+        return f" The checkpoint {store.path} has no block yet: the same call begins anew."
+    return f" The checkpoint {store.path} is intact: the same call goes on from it."
 
 
 def tell_of(apart: Sequence[Point], consequence: str) -> None:

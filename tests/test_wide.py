@@ -12,7 +12,7 @@ import pytest
 import tolerances as tol
 from openmm import unit
 from scipy.stats import chi2
-from test_resume import Killed, killed_after, same, same_files
+from test_resume import TORN, Killed, killed_after, same, same_files
 from test_sampling import CURVES, NM, PN, WARM, exact, filament
 
 import openmm_filament as of
@@ -100,6 +100,7 @@ def test_replicas_follow_the_steps_that_a_force_needs() -> None:
     assert len(set(wide.replicas(plans, 298.0, 3))) == 1  # no exact answer: alike
 
 
+@TORN
 @pytest.mark.parametrize("platform", ["Reference", pytest.param("OpenCL", marks=OPENCL)])
 def test_one_context_goes_on_from_its_checkpoint(
     platform: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
