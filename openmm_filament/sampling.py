@@ -89,7 +89,7 @@ def force_extension(
         A `Filament` is sampled exactly as it is. A `WormlikeChain` is cut into segments for each force: as few, with
         bonds as soft, as the wanted error against the continuous chain allows.
     forces : Quantity
-        Positive, one number or (M,).
+        Positive, one number or (M,), none of them twice.
     temperature : Quantity
     relative_error : float or sequence of float
         In (0, 1), for all forces or one each. It bounds `|bias| + |time_step_bias| + 2 standard errors` of the extension,
@@ -158,6 +158,7 @@ def force_extension(
     check.shape("forces", values, (None,))
     if not len(values):
         raise ValueError("Argument `forces` must hold at least one force, but is empty.")
+    check.distinct("forces", values, unit="pN")
     kelvin = check.positive("temperature", units.number("temperature", temperature, "temperature")).item()
     wanted = check.within("relative_error", relative_error, 0, 1, open_ends=True)
     if wanted.ndim:
