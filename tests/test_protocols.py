@@ -269,6 +269,25 @@ def test_the_overlap_is_one_for_one_distribution_and_warned_of_where_there_is_no
         of.free_energy_of_works(there * KT * KJ, back * KT * KJ, WARM)
 
 
+@pytest.mark.parametrize("far", [20.0, 400.0, 4e4, -150.0])
+def test_works_that_are_apart_have_an_infinite_error(rng: np.random.Generator, far: float) -> None:
+    """And no warnings but the package's own, which pytest would take for errors."""
+    there, back = far + rng.normal(size=(2, 40))
+    with pytest.warns(
+        UserWarning, match=r"overlap by .* only.*: no work there .*, so that its error is infinite"
+    ) as told:
+        found = of.free_energy_of_works(there * KT * KJ, back * KT * KJ, WARM)
+    assert len(told) == 1
+    assert found.error == math.inf
+    assert abs(found.difference) < abs(far) * KT
+    assert found.forward == pytest.approx(-KT * (logsumexp(-there) - np.log(len(there))))
+
+
+def test_works_without_any_solution_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"`forward` and `reverse` must hold works from which .* too far apart"):
+        of.free_energy_of_works([1.0, 2.0] * KJ, [1e300, 1e308] * KJ, WARM)
+
+
 def test_without_pymbar_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymbar", None)
     with pytest.raises(ImportError, match=r"need pymbar 4 or later: pip install \"openmm-filament\[free-energy\]\""):
