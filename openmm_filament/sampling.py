@@ -110,7 +110,7 @@ def force_extension(
         Reference, by default: for chains of this size one process a core beats every platform's own threads. On CUDA,
         HIP and OpenCL the whole curve is one Context: all replicas of all forces in one System, each chain with its own
         time step and friction, and more replicas where more steps are needed. Neither `processes` nor `executor` go
-        with it, and a chain that diverges ends the whole curve.
+        with it.
     trajectories : mapping of int to path, optional
         Indices into `forces`, and the DCD to write the samples of the first replica to, with its PDB and sidecar.
     overwrite : bool
@@ -146,7 +146,7 @@ def force_extension(
     BrokenExecutor
         If a worker process is killed, and the executor does not start its block again as Dask does.
     DivergedError
-        If at every force a coordinate is not finite, or a run far hotter than its thermostat; in one Context, if at any.
+        If at every force a coordinate is not finite, or a run far hotter than its thermostat.
 
     Warns
     -----
