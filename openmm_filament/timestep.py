@@ -36,8 +36,9 @@ def stable_timestep(model: Model, positions: unit.Quantity | None = None) -> uni
     """The longest stable time step of Verlet, leapfrog and Langevin integration, 2/omega_max, as a physical time.
 
     omega_max is the stiffest mode of the mass-weighted Hessian at `positions` (physical, (N, 3); by default the
-    model's own), found by Lanczos iterations with exact products of it. Motion far from these positions can be stiffer:
-    use a fraction of the limit. For a scaled model pass `model.to_internal(...)` of it to an OpenMM integrator.
+    model's own), found by Lanczos iterations with exact products of it. Motion far from these positions can be stiffer,
+    and joints that rest bent without a torsion, which are soft out of their plane (see `bending.Harmonic`), do not lower
+    it: use a fraction of the limit. For a scaled model pass `model.to_internal(...)` of it to an OpenMM integrator.
 
     Raises
     ------
