@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["array", "finite", "index", "integer", "non_negative", "one_of", "positive", "shape", "within"]
+__all__ = ["array", "distinct", "finite", "index", "integer", "non_negative", "one_of", "positive", "shape", "within"]
 
 
 def fail(name: str, rule: str, value: object) -> ValueError:
@@ -59,11 +59,24 @@ def positive(name: str, value: ArrayLike, *, unit: str = "") -> NDArray[np.float
     return values
 
 
-def non_negative(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def non_negative(name: str, value: ArrayLike, *, unit: str = "") -> NDArray[np.float64]:
     """A finite float array with no entry below zero."""
     values = finite(name, value)
     if (bad := values < 0).any():
-        raise fail(name, "not be negative", _first(values, bad))
+        raise fail(name, "not be negative", f"{_first(values, bad)} {unit}".rstrip())
+    return values
+
+
+def distinct(name: str, values: NDArray[np.float64], *, unit: str = "") -> NDArray[np.float64]:
+    """Values (M,) of which no two are the same."""
+    seen: dict[float, int] = {}
+    for i, value in enumerate(values.tolist()):
+        if value in seen:
+            raise ValueError(
+                f"Argument `{name}` must hold no value twice, but holds {f'{value:.6g} {unit}'.rstrip()} at index "
+                f"{seen[value]} and at index {i}."
+            )
+        seen[value] = i
     return values
 
 

@@ -13,7 +13,7 @@ from openmm import unit
 
 from openmm_filament import _checks as check
 from openmm_filament import contact, units
-from openmm_filament.blocks import clamped_model
+from openmm_filament.blocks import check_ends, clamped_model
 from openmm_filament.curves import provenance
 from openmm_filament.discretisation import PN
 from openmm_filament.executors import available_workers
@@ -36,11 +36,17 @@ _TOGETHER = 8
 _RELAX = 10.0
 """Time to equilibrate over the relaxation time of the slowest mode."""
 
+_MOST_STEPS = 2**31 - 1
+"""Steps that OpenMM takes at a time, and that a replica takes at most: hours of a few beads."""
+
 _CONTROLS: tuple[Control, ...] = ("force", "extension", "trap")
 
 
 def control_of(force: Any, extension: Any, trap: Any, stiffness: Any) -> tuple[Control, Array, Array]:
-    """Which control was given, its values (M,) in kJ/mol/nm or nm, and the stiffness of the trap (3,), NaN without one."""
+    """Which control was given, its values (M,) in kJ/mol/nm or nm, and the stiffness of the trap (3,), NaN without one.
+
+    Errors name forces in pN and stiffnesses in pN/nm.
+    """
     given = {n: v for n, v in zip(_CONTROLS, (force, extension, trap), strict=True) if v is not None}
     if len(given) != 1:
         raise TypeError(
@@ -48,19 +54,22 @@ def control_of(force: Any, extension: Any, trap: Any, stiffness: Any) -> tuple[C
         )
     control = next(name for name in _CONTROLS if name in given)
     dimension = "force" if control == "force" else "length"
-    values = check.non_negative(control, np.atleast_1d(units.numbers(control, given[control], dimension)))
+    values = np.atleast_1d(units.numbers(control, given[control], dimension))
     check.shape(control, values, (None,))
     if not len(values):
         raise ValueError(f"Argument `{control}` must hold at least one value, but is empty.")
+    own, its_unit = (values / PN, "pN") if control == "force" else (values, "nm")
+    check.non_negative(control, own, unit=its_unit)
     if (stiffness is None) == (control == "trap"):
         raise TypeError("Argument `stiffness` must be given with a trap, and only then.")
     if control != "trap":
         return control, values, np.full(3, math.nan)
-    k = check.non_negative("stiffness", units.numbers("stiffness", stiffness, "stiffness"))
+    k = units.numbers("stiffness", stiffness, "stiffness")
+    check.non_negative("stiffness", k / PN, unit="pN/nm")
     if k.ndim:
         check.shape("stiffness", k, (3,))
     k = np.broadcast_to(k, 3)
-    check.positive("stiffness", k[2])
+    check.positive("stiffness", k[2] / PN, unit="pN/nm")
     return control, values, k
 
 
@@ -93,8 +102,7 @@ class Settings:
         """The arguments, checked; at least so many replicas."""
         if not isinstance(filament, Filament):
             raise TypeError(f"Argument `filament` must be a Filament, but is {filament!r}.")
-        if filament.closed or len(filament) < 2:
-            raise ValueError("Argument `filament` must be an open filament of two beads or more to be pulled.")
+        check_ends("filament", filament)
         contact.refuse("filament", filament.interactions(), "in a protocol")
         kelvin = check.positive("temperature", units.number("temperature", temperature, "temperature")).item()
         check.integer("replicas", replicas, low=fewest)
@@ -136,16 +144,33 @@ class Setup:
     longest_step: float
 
     def time(self, name: str, given: Any, relaxations: float) -> float:
-        """A time in ps as given, or so many relaxation times."""
+        """A time in ps as given, or so many relaxation times. Raises ValueError where it takes too many steps."""
         if given is None:
-            return relaxations * self.relaxation
-        return check.positive(name, units.number(name, given, "time")).item()
+            return self._bounded(name, relaxations * self.relaxation, self.longest_step, given=False)
+        time = check.positive(name, units.number(name, given, "time"), unit="ps").item()
+        return self._bounded(name, time, self.longest_step, given=True)
 
-    def tasks(self, seeds: Any, values: Array, dt: float, stride: int, every: int, back: bool) -> list[Ramp]:
+    def _bounded(self, name: str, time: float, dt: float, *, given: bool) -> float:
+        if time <= dt * _MOST_STEPS:
+            return time
+        long = f"{time:.3g} ps, {time / dt:.3g} steps of {dt:.3g} ps"
+        most = f"at most {_MOST_STEPS} steps"
+        if given:
+            raise check.fail(name, f"take {most}", long)
+        raise ValueError(
+            f"Argument `{name}` must be given, of {most}, for a chain and a friction that relax in {self.relaxation:.3g} ps, "
+            f"but is left out: by default it is {long}."
+        )
+
+    def tasks(
+        self, seeds: Any, values: Array, dt: float, stride: int, *, every: int = 1, back: bool = False, reads: int = 1
+    ) -> list[Ramp]:
         """The replicas in groups, whose number and seeds do not depend on that of the processes."""
         shared = self.shared
         counts = [min(_TOGETHER, shared.replicas - i) for i in range(0, shared.replicas, _TOGETHER)]
+        given = shared.equilibration is not None
         warm = shared.equilibration if shared.equilibration is not None else _RELAX * self.relaxation
+        self._bounded("equilibration", warm, dt, given=given)
         return [
             Ramp(
                 filament=shared.filament,
@@ -162,6 +187,7 @@ class Setup:
                 stride=stride,
                 every=every,
                 back=back,
+                reads=reads,
             )
             for count, child in zip(counts, seeds.spawn(len(counts)), strict=True)
         ]
@@ -205,19 +231,15 @@ def dataset(
     chosen: Settings,
     control: Control,
     stiffness: Array,
-    tasks: Sequence[Ramp],
     results: Sequence[RampResult | None],
 ) -> xarray.Dataset:
-    """Variables and coordinates with what was run in the attributes."""
+    """Variables and coordinates with what all runs share in the attributes."""
     import xarray
 
     attributes = {
         "control": control,
         "temperature_K": chosen.kelvin,
         "seed": chosen.seed,
-        "time_step_ps": tasks[0].timestep,
-        "friction_per_ps": tasks[0].friction,
-        "equilibration_steps": tasks[0].warm_up,
         "platform": "Reference",
         "interrupted": int(any(result is None for result in results)),
         **provenance(),

@@ -38,7 +38,10 @@ class Harmonic(Term):
     """Energy `1/2 sum alpha_i (beta_i - beta_i^eq)^2` over the inner beads (1.8).
 
     Smooth on a straight chain where `rest_angle` is 0; a rest angle above 0 leaves a cone at beta = 0, where the
-    force has no direction and is returned as zero.
+    force has no direction and is returned as zero. Joints that rest bent, by however little, turn about their segments at
+    no cost unless a torsion holds them: they bend out of their plane without any stiffness, where a straight joint has the
+    whole of alpha in every direction. So a rest shape that is straight but for noise is another, softer chain: give
+    `rest_angle` 0 if it is meant to be straight.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ from openmm_filament.model import Model, build
 from openmm_filament.platforms import platform_properties
 from openmm_filament.starts import equilibrium_starts
 
-__all__ = ["Block", "BlockResult", "clamped_model", "clamps", "run_block"]
+__all__ = ["Block", "BlockResult", "check_ends", "clamped_model", "clamps", "run_block"]
 
 Array = NDArray[np.float64]
 
@@ -74,6 +74,12 @@ class BlockResult:
     frames: NDArray[np.float32] | None
     checkpoint: bytes
     seconds: float
+
+
+def check_ends(name: str, filament: Filament) -> None:
+    """Refuse a filament without two ends to hold and to pull."""
+    if filament.closed or len(filament) < 2:
+        raise ValueError(f"Argument `{name}` must be an open filament of two beads or more to be pulled.")
 
 
 def clamped_model(filament: Filament, force: float, dimension: int, replicas: int) -> Model:

@@ -1,9 +1,9 @@
 """What a force-extension curve has sampled, on disk: from it the curve goes on after any end, even a power cut.
 
-One file: a line that says what it is, a line of JSON with the arguments of the call, and one record a finished block,
-appended when the block ends. A record is `BLCK`, the CRC-32 and the length of what follows (little-endian, 4 and 8 bytes),
-and a NumPy .npz file with the block's samples, its frames where they are kept, and the OpenMM checkpoint at its end.
-Nothing written is ever changed, so that an end at any moment costs the block being written and no other.
+One file: a line that says what it is, and records (see `records`), appended one by one. The first, `CALL`, has the arguments
+of the call as JSON; a `BLCK` is a finished block as a NumPy .npz file with its samples, its frames where they are kept, and
+the OpenMM checkpoint at its end. Nothing written is ever changed, so that an end at any moment costs the block being written
+and no other.
 """
 
 from __future__ import annotations
@@ -11,10 +11,8 @@ from __future__ import annotations
 import io
 import json
 import os
-import struct
 import time
 import warnings
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -24,15 +22,18 @@ import numpy as np
 
 from openmm_filament import _checks as check
 from openmm_filament.blocks import BlockResult
+from openmm_filament.records import Fault, record, record_at, stored_bytes, taken
 
 __all__ = ["Checkpoint"]
 
-_MAGIC = b"openmm_filament checkpoint 1\n"
-_MARK = b"BLCK"
-_HEAD = struct.Struct("<4sIQ")
+_KIND = b"openmm_filament checkpoint "
+_MAGIC = _KIND + b"2\n"
+_CALL, _BLOCK = b"CALL", b"BLCK"
 
 _SYNC_SECONDS = 1.0
 """Records are forced to the disk so often: a power cut may cost the blocks of a second, the end of the process none."""
+
+_ANEW = "to begin anew, remove the file or name another"
 
 
 class Checkpoint:
@@ -51,7 +52,12 @@ class Checkpoint:
     FileNotFoundError, IsADirectoryError, PermissionError, BlockingIOError
         If the file cannot be made or written, or another process is at it.
     ValueError
-        If it is something else, or the checkpoint of a call with other arguments.
+        If it is something else, a checkpoint whose first record is damaged, or that of a call with other arguments.
+
+    Warns
+    -----
+    UserWarning
+        Where the file ends in the middle of a record or is damaged, with what is dropped.
     """
 
     def __init__(self, path: str | os.PathLike[str], arguments: Mapping[str, Any], files: tuple[str, ...] = ()) -> None:
@@ -71,9 +77,10 @@ class Checkpoint:
             self._lock()
             self._end = 0
             self._when = time.monotonic()
-            self._header = b""
-            header = _MAGIC + json.dumps({"arguments": dict(arguments), "files": files}).encode() + b"\n"
-            self.files = self._begun(header, arguments)
+            self._blocks = 0
+            given = json.dumps({"arguments": dict(arguments), "files": files}).encode()
+            self._header = _MAGIC + record(_CALL, given)
+            self.files = self._begun(arguments)
         except BaseException:
             os.close(self._file)
             raise
@@ -93,59 +100,92 @@ class Checkpoint:
         except OSError:  # a file system without locks
             return
 
-    def _begun(self, header: bytes, arguments: Mapping[str, Any]) -> tuple[str, ...]:
-        """Compare the header with the one that is there; the other files of the call that began it.
+    @property
+    def holds_blocks(self) -> bool:
+        """Whether a call could go on from a block, among those read and written so far."""
+        return self._blocks > 0
 
-        A new file is given its header with its first block.
+    def _begun(self, arguments: Mapping[str, Any]) -> tuple[str, ...]:
+        """Compare the arguments with those that are there; the other files of the call that began it.
+
+        A new file is given its first record with its first block.
         """
-        start = self._read(0, len(_MAGIC))
+        start = stored_bytes(self._file, 0, len(_MAGIC))
         if start != _MAGIC and not _MAGIC.startswith(start):
+            if start.startswith(_KIND):
+                raise ValueError(
+                    "Argument `checkpoint` must name a checkpoint of this version or a new file, but the first line of "
+                    f"{self.path} is that of another version, or damaged: {_ANEW}."
+                )
             raise check.fail("checkpoint", "name a checkpoint or a new file", f"{self.path}, which is something else")
-        line = self._line(len(_MAGIC))
-        if line is None:  # new, or ended before its first block
-            self._header = header
-            return ()
-        self._end = len(_MAGIC) + len(line)
-        begun = json.loads(line)
-        _compare(begun["arguments"], json.loads(json.dumps(dict(arguments))), self.path)
-        return tuple(begun["files"])
+        found = record_at(self._file, len(_MAGIC), _CALL)
+        if isinstance(found, bytes):
+            self._end, self._header = len(_MAGIC) + taken(found), b""
+            begun = json.loads(found)
+            _compare(begun["arguments"], json.loads(json.dumps(dict(arguments))), self.path)
+            return tuple(begun["files"])
+        if found is Fault.DAMAGED:
+            raise ValueError(
+                f"Argument `checkpoint` must name a whole checkpoint or a new file, but {self.path} is damaged in its first "
+                f"record, which says of what call it is: {_ANEW}."
+            )
+        if start:
+            warnings.warn(
+                f"The checkpoint {self.path} ends at byte {self._size()}, before its first block: all is sampled anew.",
+                stacklevel=4,
+            )
+            os.ftruncate(self._file, 0)
+        return ()
 
     def stored(self) -> Iterator[tuple[int, int, BlockResult]]:
         """The point, the run and the result of each block that is there, in the order in which they ended.
 
-        What follows the last whole record is cut off; a record that is whole but damaged is warned of.
+        What follows the last good record is cut off, and warned of.
         """
-        size = os.fstat(self._file).st_size
         while self._end:
-            mark, crc, length = _HEAD.unpack(self._read(self._end, _HEAD.size).ljust(_HEAD.size, b"\0"))
-            body = self._end + _HEAD.size
-            if _MARK.startswith(mark.rstrip(b"\0")) and body + length > size:  # cut off, or the end
+            found = record_at(self._file, self._end, _BLOCK)
+            if isinstance(found, Fault):
+                self._cut_off(found)
                 break
-            payload = self._read(body, length) if mark == _MARK else b""
-            if not payload or zlib.crc32(payload) != crc:
-                warnings.warn(
-                    f"The checkpoint {self.path} is damaged at byte {self._end}: what follows is sampled again.",
-                    stacklevel=4,
-                )
-                break
-            yield _unpack(payload)
-            self._end = body + length
-        if self._end:
+            self._end += taken(found)
+            self._blocks += 1
+            yield _unpack(found)
+
+    def _cut_off(self, fault: Fault) -> None:
+        """Leave the good records alone, and say what is dropped."""
+        dropped = self._size() - self._end
+        if dropped:
+            found = {
+                Fault.CUT: f"ends in the middle of the record at byte {self._end}",
+                Fault.DAMAGED: f"is damaged at byte {self._end}",
+            }[fault]
+            warnings.warn(
+                f"The checkpoint {self.path} {found}: what follows is sampled again. {dropped} bytes are dropped, and "
+                f"{self._blocks} blocks before them kept.",
+                stacklevel=5,
+            )
             os.ftruncate(self._file, self._end)
+
+    def _size(self) -> int:
+        return os.fstat(self._file).st_size
 
     def add(self, point: int, run: int, result: BlockResult) -> None:
         """Append a block. Raises OSError, with what is there intact, where the disk does not take it."""
-        payload = _pack(point, run, result)
         try:
-            self._append(self._header + _HEAD.pack(_MARK, zlib.crc32(payload), len(payload)) + payload)
+            self._append(self._header + record(_BLOCK, _pack(point, run, result)))
             self._header = b""
+            self._blocks += 1
             if time.monotonic() - self._when > _SYNC_SECONDS:
                 self._sync()
         except OSError as error:
+            kept = (
+                "The file is intact up to the last block before; with the same arguments the run goes on from there."
+                if self._blocks
+                else "No block has been kept: the run begins anew."
+            )
             raise OSError(
                 error.errno,
-                f"The run has stopped: its checkpoint {self.path} cannot be written ({error.strerror}). The file is "
-                "intact up to the last block before; with the same arguments the run goes on from there.",
+                f"The run has stopped: its checkpoint {self.path} cannot be written ({error.strerror}). {kept}",
             ) from error
 
     def close(self) -> None:
@@ -172,23 +212,6 @@ class Checkpoint:
     def _sync(self) -> None:
         os.fsync(self._file)
         self._when = time.monotonic()
-
-    def _read(self, start: int, length: int) -> bytes:
-        os.lseek(self._file, start, os.SEEK_SET)
-        parts = []
-        while length and (part := os.read(self._file, length)):
-            parts.append(part)
-            length -= len(part)
-        return b"".join(parts)
-
-    def _line(self, start: int) -> bytes | None:
-        """The line that starts there, with its end; None where it has none."""
-        line = b""
-        while part := self._read(start + len(line), 1 << 16):
-            line += part
-            if b"\n" in part:
-                return line[: line.index(b"\n") + 1]
-        return None
 
 
 def _compare(then: Mapping[str, Any], now: Mapping[str, Any], path: Path) -> None:

@@ -136,16 +136,25 @@ def furthest(model: Model) -> float:
     return float(_FAR * np.ptp(internal_positions(model), axis=0).max())
 
 
-def check_heat(model: Model, positions: Array, velocities: Array, temperature: float, step: int) -> None:
+def check_heat(
+    model: Model,
+    positions: Array,
+    velocities: Array,
+    temperature: float,
+    step: int,
+    beads: NDArray[np.bool_] | None = None,
+) -> None:
     """Raise DivergedError where a thermal run is far hotter than its thermostat: unstable, though finite.
 
-    Positions and velocities (N, 3) and the temperature (K) are internal; nothing is drawn from a random stream. A time
-    step below the stability limit makes the kinetic temperature too low, never too high. A thermal run exceeds the
-    bound with a probability of e^-50 a look: chi-squared of n degrees exceeds `n + 2 sqrt(n y) + 2 y` with less than
-    e^-y (Laurent and Massart, Ann. Stat. 2000).
+    Positions and velocities (N, 3) and the temperature (K) are internal; with `beads` (N,) only these are looked at. Nothing
+    is drawn from a random stream. A time step below the stability limit makes the kinetic temperature too low, never too
+    high. A thermal run exceeds the bound with a probability of e^-50 a look: chi-squared of n degrees exceeds
+    `n + 2 sqrt(n y) + 2 y` with less than e^-y (Laurent and Massart, Ann. Stat. 2000).
     """
-    found = kinetic_temperature(model, velocities)
-    degrees = (2 if model.planar else 3) * (int(model.starts[-1]) - len(model.held))
+    found = kinetic_temperature(model, velocities, beads)
+    free = np.ones(len(velocities), dtype=bool) if beads is None else beads.copy()
+    free[model.held] = False
+    degrees = (2 if model.planar else 3) * int(free.sum())
     if not degrees or found <= temperature * (1 + 2 * math.sqrt(_SURE / degrees) + 2 * _SURE / degrees):
         return
     to_kelvin = model.scale.factor("temperature")

@@ -23,12 +23,13 @@ def internal_positions(model: Model, positions: Any = None) -> NDArray[np.float6
     return values / model.scale.length
 
 
-def kinetic_temperature(model: Model, velocities: NDArray[np.float64]) -> float:
+def kinetic_temperature(model: Model, velocities: NDArray[np.float64], beads: NDArray[np.bool_] | None = None) -> float:
     """Internal kinetic temperature (K) of internal velocities (N, 3): `sum m v^2/(k_B n)` over the n free degrees.
 
-    Held beads are left out, and the third coordinate of a planar model. 0 where nothing is free.
+    Held beads are left out, and the third coordinate of a planar model; with `beads` (N,) all others too. 0 where nothing is
+    free.
     """
-    free = np.ones(len(velocities), dtype=bool)
+    free = np.ones(len(velocities), dtype=bool) if beads is None else beads.copy()
     free[model.held] = False
     moving = velocities[free, : 2 if model.planar else 3]
     twice = float(model.masses[free] @ (moving * moving).sum(axis=1))

@@ -35,7 +35,8 @@ class FreeEnergy:
     Attributes
     ----------
     difference, error : float
-        By Bennett's acceptance ratio from both directions, with one standard error.
+        By Bennett's acceptance ratio from both directions, with one standard error: infinite where all works there are
+        above, or below, those gained back.
     forward, forward_error : float
         By Jarzynski's equality from the ramps there, with one standard error. Too high, by a bias that the error does not
         hold, where few replicas see little work.
@@ -87,6 +88,8 @@ def free_energy_of_works(forward: unit.Quantity, reverse: unit.Quantity, tempera
 
     Raises
     ------
+    ValueError
+        For works that are none, and for those so far apart that Bennett's equation has no solution in double precision.
     ImportError
         Without pymbar, which the extra `free-energy` installs.
 
@@ -104,16 +107,20 @@ def free_energy_of_works(forward: unit.Quantity, reverse: unit.Quantity, tempera
     for name, values in (("forward", there), ("reverse", back)):
         if len(values) < 2:
             raise check.fail(name, "hold at least two works", len(values))
-    estimators = _pymbar()
-    both = _estimate(estimators.bar(there, back))
-    up = _estimate(estimators.exp(there))
-    down = _estimate(estimators.exp(back))
+    both, up, down = _estimates(there, back)
     overlap = _overlap(there, back, both[0])
-    if not overlap >= _OVERLAP:
+    apart = there.min() > (-back).max() or there.max() < (-back).min()
+    if apart or math.isnan(both[1]):
+        both = both[0], math.inf
+    if apart or not overlap >= _OVERLAP:
+        doubt = (
+            "no work there is within those gained back, so that its error is infinite"
+            if apart
+            else "the free energy and its error are not to be trusted"
+        )
         warnings.warn(
             f"The works there and back overlap by {overlap:.2g} only, with {there.mean() - both[0]:.3g} and "
-            f"{back.mean() + both[0]:.3g} k_B T dissipated: the free energy and its error are not to be trusted. Take slower "
-            "ramps, or shorter ones.",
+            f"{back.mean() + both[0]:.3g} k_B T dissipated: {doubt}. Take slower ramps, or shorter ones.",
             stacklevel=2,
         )
     return FreeEnergy(
@@ -142,6 +149,26 @@ def _pymbar() -> Any:
     finally:
         logger.setLevel(level)
     return other_estimators
+
+
+def _estimates(there: Array, back: Array) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Difference and error in k_B T from both ways, from the one there, and from the one back."""
+    estimators = _pymbar()
+    from pymbar.utils import BoundsError, ConvergenceError
+
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", RuntimeWarning
+        )  # works far apart over- and underflow, and come out with no error
+        try:
+            both = _estimate(estimators.bar(there, back))
+        except (BoundsError, ConvergenceError) as error:
+            raise ValueError(
+                "Arguments `forward` and `reverse` must hold works from which Bennett's equation can be solved, but they "
+                f"are, with {there.mean():.3g} and {back.mean():.3g} k_B T on average, too far apart: take slower ramps, or "
+                "shorter ones."
+            ) from error
+        return both, _estimate(estimators.exp(there)), _estimate(estimators.exp(back))
 
 
 def _estimate(result: dict[str, Any]) -> tuple[float, float]:

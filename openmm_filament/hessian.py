@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 from openmm_filament._term import Interaction
 from openmm_filament.model import Model
 
-__all__ = ["free_degrees", "hessian", "product", "unpivoted"]
+__all__ = ["free_degrees", "hessian", "loose_bends", "product", "unpivoted"]
 
 Array = NDArray[np.float64]
 
@@ -34,6 +34,28 @@ def hessian(model: Model, positions: Array) -> Any:
         if len((here := interaction.at(positions)).beads):
             total = total + _assembled(here, positions, size)
     return (total + total.T) / 2
+
+
+def loose_bends(model: Model) -> Array:
+    """Rest angles (K,) in rad of the joints that rest bent, of a model in space, with neither torsion nor cosine bending.
+
+    Such a joint turns about its first segment at no cost: of n in a row, n - 1 bending modes out of the plane have no
+    stiffness, where a straight joint is as stiff out of any plane as in it.
+    """
+    if model.planar:
+        return np.empty(0)
+    held = np.zeros(len(model.masses), dtype=bool)  # middle beads
+    for interaction in model.interactions:
+        if interaction.term.span == 4:
+            held[interaction.beads[:, 1:3]] = True
+        elif interaction.term.span == 3 and "beta0" not in interaction.parameters:
+            held[interaction.beads[:, 1]] = True
+    loose = [np.empty(0)]
+    for interaction in model.interactions:
+        if interaction.term.span == 3 and "beta0" in interaction.parameters:
+            rest = interaction.parameters["beta0"]
+            loose.append(rest[(rest > 0) & ~held[interaction.beads[:, 1]]])
+    return np.concatenate(loose)
 
 
 def product(interactions: Sequence[Interaction], positions: Array, direction: Array) -> Array:

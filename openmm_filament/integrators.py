@@ -20,6 +20,7 @@ from openmm_filament.timestep import highest_frequency, slow_frequency
 from openmm_filament.trial import energy_gain
 
 __all__ = [
+    "CALM",
     "FRICTION",
     "LANGEVIN_STEP",
     "calm",
@@ -28,6 +29,7 @@ __all__ = [
     "internal_langevin",
     "is_made_for",
     "langevin",
+    "needs_calm",
     "temperature_of",
     "thermal_step",
     "verlet",
@@ -67,7 +69,7 @@ _MECHANICAL_STEP = 0.1
 """Default time step of `verlet` and `euler_cromer` over the limit; frequencies are then off by 1/600 at the stiffest mode
 and by the square of the frequency below it."""
 
-_CALM = 0.3, 1000
+CALM = 0.3, 1000
 """Friction times the step, and steps, of `calm`: a velocity is forgotten in three steps, and stretched bonds in a few tens."""
 
 FRICTION = 1.0
@@ -135,18 +137,27 @@ def drawn_seed(child: np.random.SeedSequence) -> int:
 
 
 def calm(integrator: Any, model: Model) -> None:
-    """Take the energy out of a start that was drawn without torsion or contact: steps of strong friction.
+    """Take the energy out of a start before it can bring beads into line or throw them apart: steps of strong friction.
 
-    Dihedrals may then hold tens of times the thermal energy, which would bring beads into line, and chains may lie in
-    one another. Chains without either, and planar ones without contact, are left alone.
+    Starts are not quite in equilibrium, those sheared to a clamp least of all, and may hold tens of times the thermal energy;
+    they are drawn without contact, so that chains may lie in one another. Chains without dihedrals or contact, and planar
+    ones without contact, are left alone.
     """
-    twisted = not model.planar and any(i.term.needs_bends and len(i.beads) for i in model.interactions)
-    if not twisted and "contact" not in model.groups:
+    if not needs_calm(model):
         return
     friction = integrator.getFriction()
-    integrator.setFriction(_CALM[0] / integrator.getStepSize())
-    integrator.step(_CALM[1])
+    integrator.setFriction(CALM[0] / integrator.getStepSize())
+    integrator.step(CALM[1])
     integrator.setFriction(friction)
+
+
+def needs_calm(model: Model) -> bool:
+    """Whether starts of a model may bring beads under a dihedral into line, or lay chains that repel into one another."""
+    return "contact" in model.groups or _has_dihedrals(model)
+
+
+def _has_dihedrals(model: Model) -> bool:
+    return not model.planar and any(i.term.needs_bends and len(i.beads) for i in model.interactions)
 
 
 def is_made_for(integrator: Any, model: Model) -> bool:
@@ -242,7 +253,7 @@ def thermal_step(
 
 def _try(model: Model, temperature: float, dt: float) -> None:
     """Warn where a trial of a model with dihedrals heats up at this internal temperature and time step."""
-    if model.planar or not any(i.term.needs_bends and len(i.beads) for i in model.interactions):
+    if not _has_dihedrals(model):
         return
     gain = energy_gain(model, temperature, dt)
     if gain > _GAIN:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from openmm_filament import units
 from openmm_filament.blocks import BlockResult
 from openmm_filament.checkpoints import Checkpoint
+from openmm_filament.divergence import DivergedError
 from openmm_filament.points import Point, Run
 
 __all__ = ["intact", "keep", "restored", "take_all", "tell_of"]
@@ -50,18 +54,40 @@ def _take(point: Point, run: Run, result: BlockResult, store: Checkpoint | None)
         ) from error
 
 
-def take_all(points: Sequence[Point], results: Sequence[BlockResult], store: Checkpoint | None) -> None:
-    """What the points of one Context have sampled; those that are finished take no more."""
-    for point, result in zip(points, results, strict=True):
+def take_all(
+    points: Sequence[Point],
+    results: Sequence[BlockResult],
+    store: Checkpoint | None,
+    failures: Mapping[int, DivergedError] | None = None,
+) -> None:
+    """What the points of one Context have sampled; those that are finished, or given up, take no more.
+
+    Extensions that are NaN are of a point that is given up now, for one of the `failures`, by the number of the point.
+    """
+    for i, (point, result) in enumerate(zip(points, results, strict=True)):
         run = point.runs[0]
-        if not point.finished:
-            _take(point, run, replace(result, checkpoint=b""), store)
-            point.due_after(run)
+        if point.finished or point.failure is not None:
+            continue
+        if np.isnan(result.extensions).any():
+            point.fail((failures or {}).get(i) or _diverged_before(point))
+            continue
+        _take(point, run, replace(result, checkpoint=b""), store)
+        point.due_after(run)
+
+
+def _diverged_before(point: Point) -> DivergedError:
+    """What is left to say where the checkpoint tells that a point was given up."""
+    nowhere = units.quantity(np.full((len(point.runs[0].block.filament), 3), np.nan), "length")
+    return DivergedError("By its checkpoint the run has diverged.", 0, "unknown", 0, nowhere)
 
 
 def intact(store: Checkpoint | None) -> str:
-    """What an error says of the checkpoint, if there is one."""
-    return "" if store is None else f" The checkpoint {store.path} is intact: the same call goes on from it."
+    """What an error says of the checkpoint, if there is one; without a block it is removed."""
+    if store is None:
+        return ""
+    if not store.holds_blocks:
+        return f" The checkpoint {store.path} has no block yet: the same call begins anew."
+    return f" The checkpoint {store.path} is intact: the same call goes on from it."
 
 
 def tell_of(apart: Sequence[Point], consequence: str) -> None:

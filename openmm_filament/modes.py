@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from openmm_filament import _checks as check
 from openmm_filament.evaluation import internal_positions
-from openmm_filament.hessian import free_degrees, hessian, unpivoted
+from openmm_filament.hessian import free_degrees, hessian, loose_bends, unpivoted
 from openmm_filament.model import Model
 from openmm_filament.timestep import highest_frequency
 
@@ -28,6 +28,9 @@ _DENSE = 1500
 _SHIFT = 1e-13
 """Distance of the shift below zero for the lowest modes, over the largest eigenvalue: that of rigid motions is zero, up to
 rounding."""
+
+_NEARLY_STRAIGHT = 0.1
+"""Rest angle in rad up to which joints pass for straight ones, and are warned of where they are soft as those are not."""
 
 _LOST = 1e3
 """Eigenvalues of less than so many roundings of the largest are warned of."""
@@ -87,6 +90,10 @@ def normal_modes(
     Held beads do not move, nor does the third coordinate of a planar model. Constant forces do not add to the Hessian,
     but the positions must be in balance under them for the modes to be those of a motion.
 
+    Joints that rest bent, by however little, and that no dihedral holds turn about their segments at no cost: of n in a row,
+    n - 1 modes of bending out of the plane have frequency zero, while a joint that rests straight is as stiff out of any
+    plane as in it. Add a torsion, confine the model to a `Plane`, or take `rest_angle` 0.
+
     Parameters
     ----------
     count : int, optional
@@ -100,6 +107,11 @@ def normal_modes(
     ValueError
         For a count that is not from 1 to the number of free coordinates; and if all modes of a chain are asked for that
         is too long to be diagonalised whole.
+
+    Warns
+    -----
+    UserWarning
+        Where joints that rest bent by at most 0.1 rad have no torsion beside them; and where rounding leaves few digits.
     """
     matrix, weights, free = _weighted(model, positions)
     size = len(weights)
@@ -125,7 +137,8 @@ def normal_modes(
 def damped_modes(model: Model, count: int | None = None, *, positions: unit.Quantity | None = None) -> DampedModes:
     """Modes of `m x'' + m gamma x' + K x = 0` with the filaments' damping rate of each bead, as `euler_cromer` runs them.
 
-    Modes slower than 3e-7 of the fastest come out as frequency and decay zero, as undamped rigid motions do.
+    Modes slower than 3e-7 of the fastest come out as frequency and decay zero, as undamped rigid motions do. Joints that rest
+    bent without a torsion beside them: see `normal_modes`, which warns of them as this does.
 
     Parameters
     ----------
@@ -169,6 +182,14 @@ def _weighted(model: Model, positions: Any) -> tuple[Any, Array, NDArray[np.bool
     free = free_degrees(model)
     if not free.any():
         raise ValueError("Argument `model` must have a free bead to have modes, but all are held.")
+    bends = loose_bends(model)
+    if len(bends) > 1 and bends.max() <= _NEARLY_STRAIGHT:
+        warnings.warn(
+            f"{len(bends)} joints rest bent, by at most {bends.max():.3g} rad, and no torsion holds them: out of the plane of "
+            "their bends they have no stiffness, as straight ones have, and those modes have frequency zero. Add a torsion, "
+            "confine the model to a Plane, or take rest_angle 0.",
+            stacklevel=3,
+        )
     weights = (1 / np.sqrt(np.broadcast_to(model.masses[:, None], free.shape)))[free]
     chosen = np.flatnonzero(free.ravel())
     inner = hessian(model, internal_positions(model, positions))[chosen][:, chosen]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from openmm import unit
 
 from openmm_filament import units
-from openmm_filament.blocks import Block, clamped_model
+from openmm_filament.blocks import Block, check_ends, clamped_model
 from openmm_filament.discretisation import PN, Choice, choose, exact_chain, time_step_bias
 from openmm_filament.filament import Filament
 from openmm_filament.integrators import FRICTION, LANGEVIN_STEP, thermal_step
@@ -86,8 +86,7 @@ def plan_curve(
             raise ValueError("Argument `dimension` must be 3 for a WormlikeChain, but is 2: pass a Filament.")
         chains = choose(chain, forces, temperature, wanted, chosen)
     elif isinstance(chain, Filament):
-        if chain.closed or len(chain) < 2:
-            raise ValueError("Argument `chain` must be an open filament of two beads or more to be pulled.")
+        check_ends("chain", chain)
         flat = chain if dimension == 3 else _laid_flat(chain)
         chains = [Choice(flat, math.nan, math.nan, LANGEVIN_STEP, math.nan)] * len(forces)
     else:

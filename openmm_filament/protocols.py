@@ -35,6 +35,10 @@ _CLAMPED = 100.0
 _STRIDE, _BETWEEN = 10, 5
 """Steps between two readings of a clamp, and at most so many between two changes of a ramp."""
 
+_RECORDS, _CHANGES = 1000, 1_000_000
+"""Means that a replica of a clamp keeps at most, and changes of a ramp at most unless it has more points: those of longer
+runs are of more readings, and further apart."""
+
 
 def clamp(
     filament: Filament,
@@ -62,10 +66,11 @@ def clamp(
         Open; sampled as it is.
     temperature : Quantity
     extension : Quantity
-        An extension clamp: the distances (M,), not negative, along z at which the last bead is fixed. The force is minus
-        the derivative of `k_B T ln P(R)`, P being the distribution of the end-to-end *vector* of the free chain.
+        An extension clamp: the distances (M,), not negative, none of them twice, along z at which the last bead is fixed.
+        The force is minus the derivative of `k_B T ln P(R)`, P being the distribution of the end-to-end *vector* of the free
+        chain.
     trap : Quantity
-        The positions (M,), not negative, along z of a harmonic trap on the last bead. Force and extension are read.
+        The positions (M,), as the distances, along z of a harmonic trap on the last bead. Force and extension are read.
     stiffness : Quantity
         Of the trap: one number, or (3,) along x, y and z.
     duration : Quantity, optional
@@ -87,25 +92,30 @@ def clamp(
     -------
     xarray.Dataset
         Over the coordinate `extension` or `trap` (nm): `force`, `force_error` (pN), `force_of_replica`; for a trap also
-        `extension`, `extension_error` (nm), `extension_of_replica`. Errors are one standard error. After Ctrl-C it holds
-        the replicas that were done, NaN for the others, and its attribute `interrupted` is 1.
+        `extension`, `extension_error` (nm), `extension_of_replica`. Errors are one standard error. What was run follows from
+        the tension, and stands beside each value: `time_step` (ps), `friction` (1/ps), `equilibration_steps`, and `steps`,
+        those that were read. After Ctrl-C it holds the replicas that were done, NaN for the others, and its attribute
+        `interrupted` is 1.
 
     Raises
     ------
     ValueError, TypeError
-        For arguments that are wrong, before anything runs.
+        For arguments that are wrong, and for times of more than 2^31 - 1 steps, before anything runs.
     DivergedError
         If a coordinate is not finite, or a run far hotter than its thermostat.
     """
     control, values, k = control_of(None, extension, trap, stiffness)
+    check.distinct(control, values, unit="nm")
     chosen = Settings.of(filament, temperature, replicas, 2, seed, timestep, friction, equilibration, processes)
     tasks: list[Ramp] = []
     for value, child in zip(values, np.random.SeedSequence(seed).spawn(len(values)), strict=True):
         setup = chosen.at(control, value, value, k)
         time = setup.time("duration", duration, _CLAMPED)
         readings = max(2, math.ceil(time / (_STRIDE * setup.longest_step)))
-        dt = min(setup.longest_step, time / readings / _STRIDE)
-        tasks += setup.tasks(child, np.full(readings + 1, value), dt, _STRIDE, 1, False)
+        records = min(readings, _RECORDS)
+        reads = math.ceil(readings / records)
+        dt = min(setup.longest_step, time / (records * reads * _STRIDE))
+        tasks += setup.tasks(child, np.full(records + 1, value), dt, _STRIDE, reads=reads)
     groups = len(tasks) // len(values)
     results = run_all(run_ramp, tasks, chosen.workers, progress)
     refuse_nothing(results)
@@ -116,8 +126,17 @@ def clamp(
     if control == "trap":
         found = np.array([part.extension[0, :, 1:].mean(axis=-1) for part in done])
         variables |= means("extension", found, dims, "nm", "extension along z")
+    ran = tasks[::groups]
+    run = {
+        "time_step": ([task.timestep for task in ran], "ps", "time step"),
+        "friction": ([task.friction for task in ran], "1/ps", "friction"),
+        "equilibration_steps": ([task.warm_up for task in ran], "1", "steps of each replica before any is read"),
+        "steps": ([len(t.values[1:]) * t.reads * t.stride for t in ran], "1", "steps that each replica is read"),
+    }
+    for name, (column, its_unit, meaning) in run.items():
+        variables[name] = (control,), np.array(column), {"units": its_unit, "long_name": meaning}
     named = {"units": "nm", "long_name": "position of the trap" if control == "trap" else "clamped extension"}
-    return dataset(variables, {control: (control, values, named)}, chosen, control, k, tasks, results)
+    return dataset(variables, {control: (control, values, named)}, chosen, control, k, results)
 
 
 def ramp(
@@ -141,8 +160,9 @@ def ramp(
     """Lead the end of a filament evenly from one force, extension or trap position to another and back, with the work.
 
     Exactly one of `force`, `extension` and `trap` is given. Each replica is equilibrated at the first value, led to the
-    last, equilibrated there and led back. The control changes in jumps at most five steps apart; the work of each is the
-    change of the energy, `-z dF` for a force: with Crooks's theorem free energies follow (`free_energy`).
+    last, equilibrated there and led back. The control changes in jumps at most five steps apart, or a millionth of the way
+    where that is longer; the work of each is the change of the energy, `-z dF` for a force: with Crooks's theorem free
+    energies follow (`free_energy`).
 
     Parameters
     ----------
@@ -170,16 +190,17 @@ def ramp(
     control, values, k = control_of(force, extension, trap, stiffness)
     check.shape(control, values, (2,))
     if values[0] == values[1]:
-        raise check.fail(control, "hold two different values", f"{values[0]:.6g} twice")
+        same = f"{values[0] / PN:.6g} pN" if control == "force" else f"{values[0]:.6g} nm"
+        raise check.fail(control, "hold two different values", f"{same} twice")
     check.integer("points", points, low=2)
     chosen = Settings.of(filament, temperature, replicas, 1, seed, timestep, friction, equilibration, processes)
     setup = chosen.at(control, values[0], values[1], k)
     time = setup.time("duration", duration, math.nan)
-    every = math.ceil(time / setup.longest_step / _BETWEEN / points)
+    every = math.ceil(min(time / setup.longest_step / _BETWEEN, _CHANGES) / points)
     stride = math.ceil(time / setup.longest_step / (every * points))
     dt = time / (every * points * stride)
     path = np.linspace(values[0], values[1], every * points + 1)
-    tasks = setup.tasks(np.random.SeedSequence(seed), path, dt, stride, every, True)
+    tasks = setup.tasks(np.random.SeedSequence(seed), path, dt, stride, every=every, back=True)
     results = run_all(run_ramp, tasks, chosen.workers, progress)
     refuse_nothing(results)
     kept = [(result, task) for result, task in zip(results, tasks, strict=True) if result is not None]
@@ -205,5 +226,10 @@ def ramp(
         "direction": ("direction", ["forward", "reverse"]),
         "time": ("point", at, {"units": "ps", "long_name": "time since the first point"}),
     }
-    out = dataset(variables, coordinates, chosen, control, k, tasks, results)
-    return out.assign_attrs(changes=every * points)
+    out = dataset(variables, coordinates, chosen, control, k, results)
+    return out.assign_attrs(
+        time_step_ps=dt,
+        friction_per_ps=setup.friction,
+        equilibration_steps=tasks[0].warm_up,
+        changes=every * points,
+    )

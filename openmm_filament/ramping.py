@@ -44,7 +44,8 @@ class Ramp:
 
     The control takes its `values` (kJ/mol/nm or nm) one after another, the first being the one it is equilibrated at for
     `warm_up` steps, with `stride` steps after each of the others and a record after `every` of them; then, with `back`, it is
-    equilibrated at the last value and takes them in reverse order. `tensions` (kJ/mol/nm) are those of the chain at the
+    equilibrated at the last value and takes them in reverse order. With more `reads` than one, `every` being 1, a record is
+    the mean of so many readings, each after `stride` steps. `tensions` (kJ/mol/nm) are those of the chain at the
     first value and at the last, roughly; `stiffness` (3,) in kJ/mol/nm^2 is that of the trap; `timestep` (ps) and
     `friction` (1/ps) are physical.
     """
@@ -63,6 +64,7 @@ class Ramp:
     stride: int
     every: int
     back: bool
+    reads: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +168,21 @@ class _Led:
         for i, value in enumerate(values[1:], start=1):
             if value != self.value:
                 work = work + self.lead(float(value))
+            if self.ramp.reads > 1:
+                yield *self._mean(), work
+                continue
             self.integrator.step(self.ramp.stride)
             if i % self.ramp.every == 0:
                 yield *self.read(), work
+
+    def _mean(self) -> tuple[Array, Array]:
+        """The mean of so many readings, `stride` steps apart."""
+        total = np.zeros((2, self.ramp.replicas))
+        for _ in range(self.ramp.reads):
+            self.integrator.step(self.ramp.stride)
+            total += self.read()
+        extension, force = total / self.ramp.reads
+        return extension, force
 
     def lead(self, value: float) -> Array:
         """Set the control, and give the work (replicas,) of that in kJ/mol."""

@@ -31,7 +31,8 @@ def rod_terms(
 
     The model has no material frame: its torsion is that of the centre line. It is an elastic rod where the rod bends in
     its own plane, or as a straight rod does; a curved rod can also bend about the normal of its curve, which costs nothing
-    here that is not torsion, so that a helix loaded off its axis comes out too stiff.
+    here that is not torsion, so that a helix loaded off its axis comes out too stiff, and a curve without a shear modulus,
+    however slight, has no stiffness out of its plane (see `bending.Harmonic`).
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ def force_extension(
         A `Filament` is sampled exactly as it is. A `WormlikeChain` is cut into segments for each force: as few, with
         bonds as soft, as the wanted error against the continuous chain allows.
     forces : Quantity
-        Positive, one number or (M,).
+        Positive, one number or (M,), none of them twice.
     temperature : Quantity
     relative_error : float or sequence of float
         In (0, 1), for all forces or one each. It bounds `|bias| + |time_step_bias| + 2 standard errors` of the extension,
@@ -110,7 +110,7 @@ def force_extension(
         Reference, by default: for chains of this size one process a core beats every platform's own threads. On CUDA,
         HIP and OpenCL the whole curve is one Context: all replicas of all forces in one System, each chain with its own
         time step and friction, and more replicas where more steps are needed. Neither `processes` nor `executor` go
-        with it, and a chain that diverges ends the whole curve.
+        with it.
     trajectories : mapping of int to path, optional
         Indices into `forces`, and the DCD to write the samples of the first replica to, with its PDB and sidecar.
     overwrite : bool
@@ -146,7 +146,7 @@ def force_extension(
     BrokenExecutor
         If a worker process is killed, and the executor does not start its block again as Dask does.
     DivergedError
-        If at every force a coordinate is not finite, or a run far hotter than its thermostat; in one Context, if at any.
+        If at every force a coordinate is not finite, or a run far hotter than its thermostat.
 
     Warns
     -----
@@ -158,6 +158,7 @@ def force_extension(
     check.shape("forces", values, (None,))
     if not len(values):
         raise ValueError("Argument `forces` must hold at least one force, but is empty.")
+    check.distinct("forces", values, unit="pN")
     kelvin = check.positive("temperature", units.number("temperature", temperature, "temperature")).item()
     wanted = check.within("relative_error", relative_error, 0, 1, open_ends=True)
     if wanted.ndim:

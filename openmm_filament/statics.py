@@ -111,7 +111,9 @@ def equilibrium(
     `articulated`), and then in Cartesian coordinates as any other. A clamped one with dihedrals that is pulled nearly
     straight may not converge, and `converged` says so. At the full load a saddle is left along the direction in which the
     energy falls, so that the result is a minimum wherever one was found. Traps act in full from the start. Temperature and
-    plucks play no part.
+    plucks play no part. Joints that rest bent without a torsion beside them give way out of their plane at no cost (see
+    `bending.Harmonic`): such a chain turns its bends towards the load, and `lowest_eigenvalue` is zero by them as by rigid
+    motions.
 
     Parameters
     ----------

@@ -38,8 +38,9 @@ def stable_timestep(model: Model, positions: unit.Quantity | None = None) -> uni
 
     omega_max is the stiffest mode of the mass-weighted Hessian at `positions` (physical, (N, 3); by default the
     model's own), found by Lanczos iterations with exact products of it; contact counts, even where there is none yet, with
-    4 k/m, that of beads pressed from both sides. Motion far from these positions can be stiffer:
-    use a fraction of the limit. For a scaled model pass `model.to_internal(...)` of it to an OpenMM integrator.
+    4 k/m, that of beads pressed from both sides. Motion far from these positions can be stiffer, and joints that rest bent
+    without a torsion, which are soft out of their plane (see `bending.Harmonic`), do not lower it: use a fraction of the
+    limit. For a scaled model pass `model.to_internal(...)` of it to an OpenMM integrator.
 
     Raises
     ------

@@ -35,7 +35,9 @@ def move_trap(model: Model, context: mm.Context, displacement: unit.Quantity, tr
 def trap_forces(model: Model, context: mm.Context, trap: int = 0) -> unit.Quantity:
     """The forces k (r0 - r) of the traps of a number on their beads where they now stand: (M, 3), filament by filament.
 
-    The force on a bead is the one that pulls the filament; minus the force that the light feels.
+    The force on a bead is the one that pulls the filament; minus the force that the light feels. The Quantity is in
+    kJ/mol/nm, as OpenMM's own forces are, and per mole: divide its `value_in_unit(unit.kilojoule_per_mole/unit.nanometer)`
+    by 0.602214 for pN.
     """
     _known(model, trap)
     whole = next(i for i in model.interactions if i.term is traps.Harmonic)

@@ -1,8 +1,9 @@
 """A whole force-extension curve in one Context, for a GPU: every replica of every force in one System.
 
 Each chain keeps the time step and friction of its own plan: one step of the integrator is a step of `timestep` of its own
-for every chain, as chains do not interact. The scheme is LangevinMiddle's (Zhang et al., J. Phys. Chem. A 2019). There are
-as many replicas of a force as let all forces come to their errors at about the same time.
+for every chain, as chains do not interact. There are as many replicas of a force as let all forces come to their errors at
+about the same time. A force of which a chain diverges is given up: its chains are put back to where they last were well, and
+stand still while the others go on.
 """
 
 from __future__ import annotations
@@ -21,10 +22,12 @@ from openmm_filament import units
 from openmm_filament.blocks import BlockResult, clamped_model, clamps
 from openmm_filament.checkpoints import Checkpoint
 from openmm_filament.discretisation import FEWEST_SAMPLES, exact_chain
-from openmm_filament.divergence import check_heat, diagnose
+from openmm_filament.divergence import DivergedError, check_heat, diagnose
 from openmm_filament.evaluation import snapshot
+from openmm_filament.integrators import CALM, needs_calm
 from openmm_filament.keeping import take_all, tell_of
 from openmm_filament.model import Model, build
+from openmm_filament.own_steps import calmed, own_steps, set_values, stand_still, values_of
 from openmm_filament.planning import Plan
 from openmm_filament.platforms import platform_properties
 from openmm_filament.points import Point, Run
@@ -85,7 +88,10 @@ def wide_points(plans: Sequence[Plan], kelvin: float, dimension: int, seed: int,
 
 
 class WideRun:
-    """The Context of all points, from its starts or from the end of an earlier run of the same points."""
+    """The Context of all points, from its starts or from the end of an earlier run of the same points.
+
+    `failures` are the points that it has given up, by their numbers.
+    """
 
     def __init__(self, points: Sequence[Point], seed: int, checkpoint: bytes | None = None) -> None:
         self._blocks = [point.runs[0].block for point in points]
@@ -102,6 +108,8 @@ class WideRun:
         self._context = mm.Context(self._model.system, self._integrator, platform, properties)
         counts = np.array([block.replicas for block in self._blocks])
         self._chains = np.concatenate([[0], np.cumsum(counts)])
+        self._point = np.repeat(np.arange(len(points)), np.diff(self._model.starts[self._chains]))  # of each bead
+        self.failures = {i: point.failure for i, point in enumerate(points) if point.failure is not None}
         # a trajectory counts in the units of its own chain
         self._to_frame = [
             scale.length / clamped_model(block.filament, block.force, block.dimension, 1).scale.length
@@ -109,6 +117,7 @@ class WideRun:
         ]
         if checkpoint is not None:
             self._context.loadCheckpoint(checkpoint)
+            stand_still(self._integrator, np.isin(self._point, list(self.failures)))
             self._starts: list[NDArray[np.float32] | None] = [None] * len(points)
             self._good = snapshot(self._context)
         else:
@@ -129,14 +138,14 @@ class WideRun:
         left = [
             (point.runs[0].wanted - point.runs[0].done) * every - self._ticks % every
             for point, every in zip(points, self._every, strict=True)
-            if not point.finished
+            if not _is_done(point)
         ]
         return max(1, min(*left, self.most_ticks()) if left else 1)
 
     def advance(self, ticks: int) -> list[BlockResult]:
-        """So many ticks; what each point has sampled, the last with the checkpoint at the end.
+        """So many ticks; what each point has sampled, NaN where it is given up; the last with the checkpoint at the end.
 
-        Raises DivergedError, for all points at once.
+        Raises DivergedError where the platform itself stops at a coordinate that is not finite, so that no point can go on.
         """
         begun = time.perf_counter()
         first, last = self._model.starts[:-1], self._model.starts[1:] - 1
@@ -144,20 +153,22 @@ class WideRun:
         frames: list[list[NDArray[np.float32]]] = [[] for _ in self._blocks]
         length = self._model.scale.length
         for column in range(ticks):
-            self._integrator.step(self.tick)
+            self._step(self.tick)
             state = self._context.getState(positions=True)
-            positions = units.numbers("positions", state.getPositions(asNumpy=True), "length")
-            self._refuse_infinite(positions)
+            positions = self._finite(units.numbers("positions", state.getPositions(asNumpy=True), "length"))
             extensions[:, column] = (positions[last, self._axis] - positions[first, self._axis]) * length
             for i, block in enumerate(self._blocks):
                 if block.keep_frames and not (self._ticks + column + 1) % self._every[i]:
                     frames[i].append(self._first_replica(positions, i))
-        self._good = snapshot(self._context)
-        check_heat(self._model, self._good[0], self._good[1], self._heat, self._good[2])
+        self._cool(snapshot(self._context))
         results = []
         numbers = self._ticks + 1 + np.arange(ticks)
         for i, block in enumerate(self._blocks):
             own = extensions[self._chains[i] : self._chains[i + 1], numbers % self._every[i] == 0]
+            if i in self.failures:  # one sample at least, which says so
+                nothing = np.full((block.replicas, max(1, own.shape[1])), np.nan)
+                results.append(BlockResult(nothing, None, None, b"", 0.0))
+                continue
             kept = np.array(frames[i], dtype=np.float32).reshape(-1, len(block.filament), 3)
             results.append(BlockResult(own, self._starts[i], kept if block.keep_frames else None, b"", 0.0))
         self._ticks += ticks
@@ -168,7 +179,7 @@ class WideRun:
         return results
 
     def _begin(self, seed: int) -> None:
-        """Shapes drawn from equilibrium, and the warm-up."""
+        """Shapes drawn from equilibrium, calmed where they have dihedrals, and the warm-up."""
         shapes = []
         for block, child in zip(self._blocks, np.random.SeedSequence(seed).spawn(len(self._blocks)), strict=True):
             rng = np.random.default_rng(child)
@@ -182,19 +193,81 @@ class WideRun:
         self._starts = [
             self._first_replica(self._good[0], i) if block.keep_frames else None for i, block in enumerate(self._blocks)
         ]
-        self._integrator.step(self._blocks[0].warm_up)
-        warm = snapshot(self._context)
-        self._refuse_infinite(warm[0])
-        self._good = warm
+        if needs_calm(self._model):
+            with calmed(self._integrator):
+                self._step(CALM[1])
+            self._context.setStepCount(0)
+            self._finite(snapshot(self._context)[0])
+        self._step(self._blocks[0].warm_up)
+        self._finite(snapshot(self._context)[0])
+        self._cool(snapshot(self._context))
+
+    def _step(self, steps: int) -> None:
+        """Raises DivergedError where the platform will not go on."""
+        try:
+            self._integrator.step(steps)
+        except mm.OpenMMException as error:
+            if "nan" not in str(error).lower():
+                raise
+            raise DivergedError(
+                f"A chain diverged by step {self._context.getStepCount()}, and the platform {self._blocks[0].platform} stops "
+                f"the whole Context for it ({error}), so that no force can go on: leave `platform` out, and the others do.",
+                0,
+                "unknown",
+                self._context.getStepCount(),
+                self._model.to_physical(self._good[0], "length"),
+            ) from error
 
     def _first_replica(self, positions: Array, point: int) -> NDArray[np.float32]:
         begin = int(self._model.starts[self._chains[point]])
         chain = positions[begin : begin + len(self._blocks[point].filament)]
         return np.asarray(chain * self._to_frame[point], dtype=np.float32)
 
-    def _refuse_infinite(self, positions: Array) -> None:
-        if not np.isfinite(positions).all():
-            raise diagnose(self._model, self._context, positions, self._context.getStepCount(), self._good)
+    def _finite(self, positions: Array) -> Array:
+        """The positions, once the points that have lost a bead are given up."""
+        lost = ~np.isfinite(positions).all(axis=1)
+        if not lost.any():
+            return positions
+        for i in np.unique(self._point[lost]).tolist():
+            self._give_up(i, self._diagnosed(i, positions))
+        return snapshot(self._context)[0]
+
+    def _cool(self, frame: tuple[Array, Array, int]) -> None:
+        """Give up the points that are far too hot; the frame is then a good one to go back to."""
+        for i in range(len(self._blocks)):
+            if i in self.failures:
+                continue
+            try:
+                check_heat(self._model, frame[0], frame[1], self._heat, frame[2], self._point == i)
+            except DivergedError as error:
+                self._give_up(i, error)
+                frame = snapshot(self._context)
+        self._good = frame
+
+    def _diagnosed(self, point: int, positions: Array) -> DivergedError:
+        """The report on a point that diverged: its steps are repeated while the others stand still, and all is put back."""
+        own = self._point == point
+        saved, values = self._context.createCheckpoint(), values_of(self._integrator)
+        stand_still(self._integrator, ~own)
+        error = diagnose(
+            self._model,
+            self._context,
+            np.where(own[:, None], positions, self._good[0]),
+            self._context.getStepCount(),
+            self._good,
+        )
+        self._context.loadCheckpoint(saved)
+        set_values(self._integrator, values)
+        return error
+
+    def _give_up(self, point: int, error: DivergedError) -> None:
+        """Put the chains of a point back to where they were well, for good."""
+        own = self._point == point
+        positions, velocities, _ = snapshot(self._context)
+        self._context.setPositions(np.where(own[:, None], self._good[0], positions))
+        self._context.setVelocities(np.where(own[:, None], 0.0, velocities))
+        stand_still(self._integrator, own)
+        self.failures[point] = error
 
 
 def _model(points: Sequence[Point]) -> Model:
@@ -216,46 +289,48 @@ def _integrator(model: Model, points: Sequence[Point], heat: float, seed: int) -
         columns.append(np.tile([block.timestep / shortest, keep, noise], (beads, 1)))
     values = np.concatenate(columns)
     values[:, 2] /= np.sqrt(model.masses)
-    integrator = mm.CustomIntegrator(shortest / scale.factor("time"))
-    for i, name in enumerate(("own", "keep", "noise")):
-        each = np.repeat(values[:, i : i + 1], 3, axis=1)
-        if model.planar:
-            each[:, 2] = 0.0
-        integrator.addPerDofVariable(name, 0.0)
-        integrator.setPerDofVariableByName(name, [mm.Vec3(*row) for row in each.tolist()])
-    integrator.addUpdateContextState()
-    integrator.addComputePerDof("v", "v+own*dt*f/m")
-    integrator.addComputePerDof("x", "x+0.5*own*dt*v")
-    integrator.addComputePerDof("v", "keep*v+noise*gaussian")
-    integrator.addComputePerDof("x", "x+0.5*own*dt*v")
-    integrator.setRandomNumberSeed(seed % (2**31 - 1) + 1)
-    return integrator
+    return own_steps(model, values, shortest / scale.factor("time"), seed)
 
 
-def sample_wide(points: Sequence[Point], seed: int, store: Checkpoint | None, meter: Meter) -> bool:
-    """Run all points to their errors in one Context, from where the checkpoint has them; whether it was interrupted."""
-    saved, last = None, None
+def _is_done(point: Point) -> bool:
+    return point.finished or point.failure is not None
+
+
+def _restored(points: Sequence[Point], store: Checkpoint | None) -> bytes | None:
+    """Take what the checkpoint has; the state of the Context at its end."""
+    saved = None
     group: list[BlockResult] = []
     for i, _, result in () if store is None else store.stored():
         group = [*(group if i else []), result]  # an end may have cut a group off
         if len(group) == len(points):
             take_all(points, group, store)
-            saved, last = result.checkpoint, points[-1]
-    meter.begin(points, last)
+            saved = result.checkpoint
+    return saved
+
+
+def sample_wide(points: Sequence[Point], seed: int, store: Checkpoint | None, meter: Meter) -> bool:
+    """Run all points to their errors in one Context, from where the checkpoint has them; whether it was interrupted."""
+    saved = _restored(points, store)
+    meter.begin(points, None if saved is None else points[-1])
     try:
-        if all(point.finished for point in points):
+        if all(_is_done(point) for point in points):
             return False
         run = WideRun(points, seed, saved)
-        while not all(point.finished for point in points):
+        while not all(_is_done(point) for point in points):
             results = run.advance(run.ticks_to(points))
             if store is not None:
                 for i, result in enumerate(results):
                     store.add(i, 0, result)
-            take_all(points, results, store)
+            take_all(points, results, store, run.failures)
             for point in points:
                 if point.is_stuck:
                     tell_of([point], "the error falls only as fast as they change them, which may take very long")
-            meter.show(points, min(points, key=lambda p: (p.finished, p.runs[0].done / p.expected())))
+            if running := [point for point in points if point.failure is None]:
+                meter.show(points, min(running, key=lambda p: (p.finished, p.runs[0].done / p.expected())))
+    except DivergedError as error:
+        for point in points:
+            if not _is_done(point):
+                point.fail(error)
     except KeyboardInterrupt:
         for point in points:
             point.stop()

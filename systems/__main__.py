@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
-from systems.scene import OutputError, checkpoint_of, fresh_folder, is_interrupted
+from systems.scene import OutputError, checkpoint_of, fresh_folder, is_interrupted, what_goes_on
 
 SYSTEMS = {
     "mass_spring": "masses on a stretched chain of springs, every line of their transverse motion",
@@ -95,7 +95,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("interrupted: nothing is kept of this run", file=sys.stderr)
+        kept = hasattr(options, "resume") and checkpoint_of(output).exists()
+        told = what_goes_on(checkpoint_of(output)) if kept else "nothing is kept of this run"
+        print(f"interrupted: {told}", file=sys.stderr)
         return 130
     print(f"Results in {place}")
     return code

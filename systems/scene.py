@@ -26,6 +26,7 @@ __all__ = [
     "fresh_folder",
     "is_interrupted",
     "prepared_checkpoint",
+    "what_goes_on",
 ]
 
 
@@ -157,6 +158,13 @@ def prepared_checkpoint(output: Path, *, resume: bool, overwrite: bool) -> Path:
             )
         path.unlink()
     return path
+
+
+def what_goes_on(checkpoint: Path) -> str:
+    """What the end of a run that was interrupted leaves to go on from, for the user."""
+    if checkpoint.exists():
+        return "the same command with --resume goes on"
+    return "no block was finished, so that there is nothing to resume"
 
 
 def is_interrupted(output: Path) -> bool:

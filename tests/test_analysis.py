@@ -290,6 +290,13 @@ NOT_FINITE = np.where(np.arange(1000) == 7, np.nan, TONE)
         (lambda: analysis.lines(TONE, 1e-3, count=900), "not exceed the"),
         (lambda: analysis.lines(TONE, 1e-3, near=[100.0, 101.5]), "2 Hz apart.*101.5 Hz are 1.5 Hz apart"),
         (lambda: analysis.lines(TONE, 1e-3, near=[600.0]), r"\(2.0, 500.0\) Hz, but is 600"),
+        (lambda: analysis.lines(TONE, 1e-3, near=[100.0, 600.0, 50.0]), r"Hz, but is 600\.0 at index 1"),
+        (lambda: analysis.lines(TONE, 1e-3, near=[]), "`near` must hold at least one frequency, but is empty"),
+        (
+            lambda: analysis.lines(TONE, 1e-3, near=[3.0, 6.0, 200.0]),
+            "`near` must hold frequencies with a line no further off than half the way to the next of them, but 3 Hz has "
+            "none from 1.5 to 4.5 Hz",
+        ),
         (lambda: analysis.damped_sinusoids(TONE, 1e-3, [600.0]), "half the sampling rate.*600"),
         (
             lambda: analysis.damped_sinusoids(TONE[:40], 1e-3, np.arange(10, 20)),

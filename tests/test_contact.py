@@ -87,7 +87,7 @@ def by_definition(filaments: list[of.Filament], x: Array) -> tuple[float, Array]
 def test_openmm_numpy_and_the_definition_agree(alike: bool, platform: str) -> None:
     rng = np.random.default_rng(7)
     several = 0
-    for trial in range(12):
+    for _ in range(12):
         filaments = [crowd(rng, int(rng.integers(1, 14)), alike=alike) for _ in range(3)]
         filaments.append(crowd(rng, 9, alike=alike, closed=True))
         if not alike:
@@ -231,7 +231,7 @@ def test_barrier_is_the_lowest_of_any_crossing() -> None:
         contacts = next(i for i in model.interactions if i.term.family == "contact")
         bonds = next(i for i in model.interactions if i.term.family == "stretching")
         for _ in range(300):
-            p, q, angle, gap = rng.uniform(-0.5, 0.5, 2).tolist() + [rng.uniform(0.3, np.pi - 0.3), rng.uniform(0, 0.5)]
+            p, q, angle, gap = [*rng.uniform(-0.5, 0.5, 2).tolist(), rng.uniform(0.3, np.pi - 0.3), rng.uniform(0, 0.5)]
             number = np.arange(16) - 7.5
             places = [spacing * (number + shift + gap * np.where(number + shift > 0, 0.5, -0.5)) for shift in (p, q)]
             axes = np.array([[1, 0, 0], [np.cos(angle), np.sin(angle), 0]])

@@ -235,6 +235,74 @@ def test_a_parameter_without_effect_is_told() -> None:
     assert found.intervals["stretch_modulus"][0] < 1000
 
 
+@pytest.mark.parametrize("errors", [None, 1.0])
+@pytest.mark.parametrize("model", ["exact", "exact_infinite"])
+def test_one_force_alone_does_not_tell_two_lengths_apart(errors: float | None, model: Any) -> None:
+    """Any persistence length has its contour length: errors are infinite, though the sum of squares has a least value."""
+    one = Curve([1.0] * 4, [780.0, 781.0, 779.0, 780.5], errors)
+    with pytest.warns(UserWarning, match="do not determine") as told:
+        found = fit_force_extension(one, model=model, temperature=KELVIN)
+    for name in found.fitted:
+        assert found.errors[name] == math.inf
+        assert found.intervals[name] == (0, math.inf)
+        assert any(f"do not determine {name}" in str(w.message) for w in told)
+    assert np.isinf(np.diag(found.covariance)).all()
+    assert np.isnan(found.covariance[0, 1])
+    alone = fit_force_extension(one, model=model, temperature=KELVIN, contour_length=1000.0)
+    assert alone.errors["persistence_length"] < 0.02 * alone.values["persistence_length"]
+
+
+def test_a_modulus_from_low_forces_alone_is_told_though_lengths_are_given() -> None:
+    """The extension grows by F/S beside 2 F l_p/(3 kT): 1e-5 of it here, against errors of a per cent."""
+    low = np.geomspace(1e-3, 1e-2, 6)
+    extension = exact(low, finite=False)
+    with pytest.warns(UserWarning, match="do not determine stretch_modulus: .* to inf"):
+        found = fit_force_extension(
+            Curve(low, extension, 0.01 * extension),
+            model="exact_infinite", temperature=KELVIN, persistence_length=53.0, contour_length=1000.0, stretch_modulus="fit",
+        )  # fmt: skip
+    assert found.errors["stretch_modulus"] > found.values["stretch_modulus"]
+
+
+@pytest.mark.filterwarnings("ignore:The model 'odijk'")  # which does not hold there
+def test_a_parameter_that_changes_nothing_is_told() -> None:
+    """Below its range Odijk's chain is as short as it gets, whatever its lengths: its error was 0."""
+    low = np.geomspace(1e-4, 1e-3, 6)
+    with pytest.warns(UserWarning, match="do not determine") as told:
+        found = fit_force_extension(
+            Curve(low, exact(low, finite=False), 1.0), model="odijk", temperature=KELVIN, stretch_modulus="fit"
+        )
+    for name in DNA:
+        assert found.errors[name] == math.inf
+        assert any(f"do not determine {name}" in str(w.message) for w in told)
+
+
+@pytest.mark.parametrize(("points", "errors"), [(2, 1.0), (3, None), (1, 1.0)])
+def test_fewer_points_than_parameters_are_refused(points: int, errors: float | None) -> None:
+    forces = FORCES[:points]
+    with pytest.raises(
+        ValueError, match=rf"`data` must hold .* 3 points to fit so many parameters, but holds {points}"
+    ):
+        fit_force_extension(Curve(forces, exact(forces), errors), temperature=KELVIN, stretch_modulus="fit")
+
+
+def test_errors_of_what_hardly_differs_are_those_of_more_digits() -> None:
+    """A Jacobian whose columns agree to 1e-6: `J^T J` has lost what the singular values still tell."""
+    x = np.linspace(0, 1, 30)
+    columns = np.stack([1 + 0 * x, 1 + 1e-6 * x], axis=1)
+    problem = Problem(lambda at: columns @ (at - 0.5), np.full(2, -1e9), np.full(2, 1e9))
+    best = minimise(problem, np.zeros(2))
+    slope = np.stack([1 + 0 * x, x], axis=1)  # the same line, its slope being 1e-6 of the second parameter
+    wanted = 1e12 * np.linalg.inv(slope.T @ slope)[1, 1]
+    assert not best.undetermined.any()
+    assert best.covariance[1, 1] == pytest.approx(wanted, rel=1e-3)
+    twin = Problem(lambda at: np.stack([1 + 0 * x, x, 2 * x], axis=1) @ at - x, np.full(3, -1e9), np.full(3, 1e9))
+    best = minimise(twin, np.zeros(3))
+    assert best.undetermined.tolist() == [False, True, True]
+    assert best.covariance[0, 0] == pytest.approx(np.linalg.inv(slope.T @ slope)[0, 0], rel=1e-3)
+    assert profile(twin, best, 1, 0.95, None) == (-math.inf, math.inf)
+
+
 def test_a_chain_that_seems_to_shrink_has_an_infinite_modulus() -> None:
     extension = np.asarray(wlc.extension_odijk(STRONG, 53.0, 1000.0, KT, 1000.0)) - STRONG * 1.1
     with pytest.warns(UserWarning, match="do not determine stretch_modulus: .* to inf"):

@@ -141,6 +141,42 @@ def test_a_free_bar_moves_rigidly_and_rings_as_euler_and_bernoulli_say() -> None
     assert 3 < deviations[0] / deviations[1] < 5  # second order in the segment length
 
 
+def arc(bend: float, *more: Any, count: int = 8, loads: Sequence[Any] = ()) -> of.Model:
+    """A chain whose joints rest bent in the xz plane."""
+    heading = bend * np.arange(count)
+    steps = 4 * np.stack([np.sin(heading), 0 * heading, np.cos(heading)], axis=-1)
+    rest = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])[:, [0, 2, 1]]
+    terms = (stretching.Harmonic(500 * KJ / NM**2), bending.Harmonic(200 * KJ), *more)
+    return of.build(of.Filament(rest * NM, 100 * unit.dalton, terms), loads)
+
+
+@pytest.mark.parametrize("bend", [1e-4, 0.05])
+def test_joints_that_rest_slightly_bent_are_soft_out_of_their_plane_and_told_of(bend: float) -> None:
+    """A straight chain's bending modes come in pairs; of a bent one's, the six out of the plane have no stiffness."""
+    straight = of.normal_modes(arc(0.0)).frequencies
+    assert (np.abs(straight) < 1e-6 * straight.max()).sum() == 5
+    np.testing.assert_allclose(straight[5:9:2], straight[6:10:2], rtol=1e-6)
+    told = rf"7 joints rest bent, by at most {bend:g} rad, and no torsion holds them"
+    with pytest.warns(UserWarning, match=told):
+        found = of.normal_modes(arc(bend)).frequencies
+    assert (np.abs(found) < 1e-6 * found.max()).sum() == 6 + 6
+    with pytest.warns(UserWarning, match=told):
+        assert (of.damped_modes(arc(bend)).frequencies == 0).sum() >= 12
+    assert of.stable_timestep(arc(bend)) / of.stable_timestep(arc(0.0)) == pytest.approx(1, rel=0.02)
+
+
+def test_bent_joints_that_are_held_are_not_told_of() -> None:
+    for model in (
+        arc(0.05, torsion.Weighted(200 * KJ)),
+        arc(0.05, torsion.Harmonic(200 * KJ)),
+        arc(0.05, bending.Cosine(1 * KJ)),
+        arc(0.05, loads=[Plane()]),
+        arc(0.05, count=2),
+        arc(0.4),  # nobody takes that for straight
+    ):
+        of.normal_modes(model)
+
+
 def test_a_direction_in_which_the_energy_falls_has_a_negative_frequency() -> None:
     rest = np.array([[0, 0, 0], [0, 0, 1.0], [0, 0, 2.0]])
     compressed = of.Filament(rest * NM, 1 * unit.dalton, (stretching.Harmonic(100 * KJ / NM**2, 1.1 * NM),))

@@ -269,6 +269,25 @@ def test_the_overlap_is_one_for_one_distribution_and_warned_of_where_there_is_no
         of.free_energy_of_works(there * KT * KJ, back * KT * KJ, WARM)
 
 
+@pytest.mark.parametrize("far", [20.0, 400.0, 4e4, -150.0])
+def test_works_that_are_apart_have_an_infinite_error(rng: np.random.Generator, far: float) -> None:
+    """And no warnings but the package's own, which pytest would take for errors."""
+    there, back = far + rng.normal(size=(2, 40))
+    with pytest.warns(
+        UserWarning, match=r"overlap by .* only.*: no work there .*, so that its error is infinite"
+    ) as told:
+        found = of.free_energy_of_works(there * KT * KJ, back * KT * KJ, WARM)
+    assert len(told) == 1
+    assert found.error == math.inf
+    assert abs(found.difference) < abs(far) * KT
+    assert found.forward == pytest.approx(-KT * (logsumexp(-there) - np.log(len(there))))
+
+
+def test_works_without_any_solution_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"`forward` and `reverse` must hold works from which .* too far apart"):
+        of.free_energy_of_works([1.0, 2.0] * KJ, [1e300, 1e308] * KJ, WARM)
+
+
 def test_without_pymbar_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymbar", None)
     with pytest.raises(ImportError, match=r"need pymbar 4 or later: pip install \"openmm-filament\[free-energy\]\""):
@@ -356,9 +375,10 @@ def test_what_a_worker_raises_is_raised(workers: None) -> None:
         ({"extension": [1, 2] * NM}, TypeError, "Exactly one control must be given .* but force, extension is"),
         ({"force": [2, 12]}, TypeError, "`force` must be a Quantity of force"),
         ({"force": [2, 12] * NM}, TypeError, "`force` must have a unit of force"),
-        ({"force": [-2, 12] * PN}, ValueError, "`force` must not be negative, but is -1.2"),
+        ({"force": [-2, 12] * PN}, ValueError, "`force` must not be negative, but is -2.0 at index 0 pN"),
         ({"force": [2, 4, 12] * PN}, ValueError, r"`force` must have shape \(2,\)"),
-        ({"force": [2, 2] * PN}, ValueError, "`force` must hold two different values"),
+        ({"force": [2, 2] * PN}, ValueError, "`force` must hold two different values, but is 2 pN twice"),
+        ({"force": None, "extension": [2, 2] * NM}, ValueError, "hold two different values, but is 2 nm twice"),
         ({"force": None, "trap": [1, 2] * NM}, TypeError, "`stiffness` must be given with a trap, and only then"),
         ({"stiffness": 1 * KJ / NM**2}, TypeError, "`stiffness` must be given with a trap, and only then"),
         (
@@ -383,6 +403,91 @@ def test_what_a_worker_raises_is_raised(workers: None) -> None:
 def test_what_is_wrong_is_refused(changes: dict[str, Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         brief(**changes)
+
+
+PS = unit.picosecond
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"duration": 1e30 * PS}, r"`duration` must take at most 2147483647 steps, but is 1e\+30 ps, .* steps of"),
+        ({"equilibration": 1 * unit.second}, r"`equilibration` must take at most 2147483647 steps, but is 1e\+12 ps"),
+        ({"friction": 1e-30 / PS}, r"`duration` must be given, .* that relax in 1e\+30 ps, but is left out"),
+        ({"friction": 1e300 / PS, "duration": 1 * PS}, r"`equilibration` must be given, .* that relax in .*e\+30"),
+        (
+            {"extension": [2.0, 3.0, 2.0] * NM},
+            "`extension` must hold no value twice, but holds 2 nm at index 0 and at index 2",
+        ),
+    ],
+)
+def test_clamps_that_would_never_end_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        of.clamp(chain(2), WARM, **({"extension": [2.0] * NM} | changes))
+
+
+def test_a_ramp_that_would_never_end_is_refused() -> None:
+    with pytest.raises(ValueError, match="`duration` must take at most 2147483647 steps"):
+        of.ramp(chain(2), WARM, 1 * unit.second, force=[1, 2] * PN)
+
+
+def tasks_of(monkeypatch: pytest.MonkeyPatch, run: Callable[..., Any], *arguments: Any, **options: Any) -> list[Any]:
+    """What would run, and nothing of it."""
+    seen: list[Any] = []
+
+    def none(function: Any, tasks: Any, workers: int, progress: Any) -> list[Any]:
+        seen.extend(tasks)
+        return [None] * len(tasks)
+
+    monkeypatch.setattr(protocols, "run_all", none)
+    with pytest.raises(KeyboardInterrupt):
+        run(*arguments, **options)
+    return seen
+
+
+def test_the_longest_runs_are_planned_in_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = 5 * unit.microsecond
+    options: dict[str, Any] = {"extension": [2.0] * NM, "duration": time}
+    clamped = tasks_of(monkeypatch, of.clamp, chain(2), WARM, **options)[0]
+    led = tasks_of(monkeypatch, of.ramp, chain(2), WARM, time, force=[1, 2] * PN, points=7)[0]
+    assert clamped.values.nbytes < 1e5
+    assert led.values.nbytes < 1e7
+    readings = (len(clamped.values) - 1) * clamped.reads
+    assert readings * clamped.stride * clamped.timestep == pytest.approx(5e6)
+    assert clamped.stride == 10
+    assert (len(led.values) - 1) * led.stride * led.timestep == pytest.approx(5e6)
+    assert (len(led.values) - 1) == 7 * led.every
+
+
+def test_the_mean_of_readings_is_that_of_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clamp whose records are means of ten readings, against one that keeps every reading; and a trap's extension."""
+    options: dict[str, Any] = {"trap": [3.0] * NM, "stiffness": 4.0 * STIFF, "replicas": 2, "duration": 20 * PS}
+    every = of.clamp(chain(2), WARM, **options)
+    steps = int(every.steps[0])
+    assert steps % 10 == 0
+    monkeypatch.setattr(protocols, "_RECORDS", 7)
+    few = of.clamp(chain(2), WARM, **options, timestep=float(every.time_step[0]) * PS)
+    assert few.steps[0] >= steps
+    monkeypatch.setattr(protocols, "_RECORDS", int(few.steps[0]) // 10)
+    same = of.clamp(chain(2), WARM, **options, timestep=float(few.time_step[0]) * PS)
+    for name in ("force_of_replica", "extension_of_replica", "steps"):
+        np.testing.assert_allclose(few[name], same[name], rtol=1e-9)
+
+
+def test_a_clamp_says_of_each_value_what_was_run() -> None:
+    places, options = [2.0, 4.4] * NM, {"replicas": 2, "duration": 1 * PS}
+    held = of.clamp(chain(2, JOINT), WARM, extension=places, **options)
+    for i, place in enumerate(places):
+        alone = of.clamp(chain(2, JOINT), WARM, extension=place, **options)
+        for name in ("time_step", "friction", "equilibration_steps", "steps"):
+            assert held[name].dims == ("extension",)
+            assert float(held[name][i]) == float(alone[name][0])
+    assert held.friction[0] < held.friction[1]  # which follows the tension
+    assert (held.steps * held.time_step).values == pytest.approx([1.0, 1.0])
+    assert not {"time_step_ps", "friction_per_ps", "equilibration_steps"} & set(held.attrs)
+    way = brief()
+    assert way.attrs["friction_per_ps"] > 0
+    assert way.attrs["time_step_ps"] * way.attrs["equilibration_steps"] > 0
 
 
 def test_no_temperature_no_time_and_no_filament_are_refused() -> None:

@@ -507,6 +507,11 @@ def test_ctrl_c_keeps_what_is_done_with_processes() -> None:
         ({"relative_error": "fine"}, TypeError, "`relative_error` must be numeric, but is 'fine'"),
         ({"forces": -1 * PN}, ValueError, "`forces` must be positive, but is -"),
         ({"forces": [1.0, 0.0] * PN}, ValueError, r"`forces` must be positive, but is 0\.0 at index 1"),
+        (
+            {"forces": [1.0, 3.0, 1.0] * PN},
+            ValueError,
+            "`forces` must hold no value twice, but holds 1 pN at index 0 and at index 2",
+        ),
         ({"forces": [] * PN}, ValueError, "`forces` must hold at least one force, but is empty"),
         ({"forces": 1.0}, TypeError, r"`forces` must be a Quantity of force .* but is 1\.0 without a unit"),
         ({"forces": 1 * NM}, TypeError, "`forces` must have a unit of force"),

@@ -211,6 +211,17 @@ def exact_length(stiffness: float, dimension: int = 3) -> float:
     return decay if dimension == 3 else decay / 2
 
 
+def test_rest_bends_without_torsion_count_as_random_ones(rng: np.random.Generator) -> None:
+    """An arc of stiff joints, drawn from equilibrium: its length is that of its bends, not of its stiffness, 400 segments."""
+    kT, bend = of.units.BOLTZMANN * 300, 0.3
+    terms = (of.stretching.Harmonic(500 * KJ / NM**2), of.bending.Harmonic(400 * kT * KJ, bend * unit.radian))
+    arc = of.Filament(of.shapes.line(20, 1 * NM), 300 * unit.dalton, terms)
+    found = analysis.persistence_length(equilibrium_starts(arc, 0.0, 300.0, 1500, rng))
+    exact = -1 / math.log(float(wlc.mean_cosine(400.0, rest_angle=bend)))
+    assert abs(found.value - exact) < tol.SIGMAS * found.error
+    assert exact == pytest.approx(-1 / math.log(math.cos(bend)), rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("stiffness", "segments", "dimension"), [(8.0, 30, 3), (8.0, 30, 2), (50.0, 10, 3), (1.0, 20, 3)]
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,16 @@ import pytest
 import tolerances as tol
 from openmm import unit
 from scipy.stats import chi2
-from test_resume import Killed, killed_after, same, same_files
-from test_sampling import CURVES, NM, PN, WARM, exact, filament
+from test_resume import TORN, Killed, killed_after, same, same_files
+from test_sampling import CURVES, KJ, NM, PN, WARM, exact, filament
 
 import openmm_filament as of
-from openmm_filament import sampling, wide, wlc
+from openmm_filament import own_steps, sampling, wide, wlc
 from openmm_filament.divergence import DivergedError
 from openmm_filament.planning import plan_curve
 from openmm_filament.platforms import GPUS
 from openmm_filament.progress import Progress
+from openmm_filament.starts import equilibrium_starts
 
 PLATFORMS = [mm.Platform.getPlatform(i).getName() for i in range(mm.Platform.getNumPlatforms())]
 
@@ -100,6 +102,7 @@ def test_replicas_follow_the_steps_that_a_force_needs() -> None:
     assert len(set(wide.replicas(plans, 298.0, 3))) == 1  # no exact answer: alike
 
 
+@TORN
 @pytest.mark.parametrize("platform", ["Reference", pytest.param("OpenCL", marks=OPENCL)])
 def test_one_context_goes_on_from_its_checkpoint(
     platform: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -155,6 +158,144 @@ def test_a_curve_that_diverges_in_one_context_is_told_of(monkeypatch: pytest.Mon
     with warnings.catch_warnings(), pytest.raises(DivergedError, match="heated up to|diverged"):
         warnings.simplefilter("ignore")
         of.force_extension(filament(6), [1.0, 5.0] * PN, WARM, 0.1)
+
+
+FORCES = [1.0, 4.0, 9.0]
+
+
+def spoilt(monkeypatch: pytest.MonkeyPatch, which: int, column: int, factor: float) -> None:
+    """The chains of one force get a time step (column 0) or a noise (2) that is so much larger than planned."""
+    real = wide._integrator
+
+    def integrator(model: Any, points: Any, heat: float, seed: int) -> Any:
+        made = real(model, points, heat, seed)
+        counts = [p.runs[0].block.replicas * len(p.runs[0].block.filament) for p in points]
+        values = own_steps.values_of(made)
+        values[column, sum(counts[:which]) : sum(counts[: which + 1])] *= factor
+        own_steps.set_values(made, values)
+        return made
+
+    monkeypatch.setattr(wide, "_integrator", integrator)
+
+
+def curve_of(folder: Path, **options: Any) -> Any:
+    paths = {i: folder / f"{i}.dcd" for i in range(3)}
+    return of.force_extension(
+        filament(6), FORCES * PN, WARM, 0.1, seed=3, trajectories=paths, overwrite=True, **options
+    )
+
+
+SPOILT = {"hot": (2, 12.0, "heated up to"), "unstable": (0, 12.0, r"diverged at step \d+ .* by the force of")}
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_a_force_that_diverges_in_one_context_leaves_the_others(
+    how: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """From the checkpoint too: it stays given up, and the others go on as they would have."""
+    whole = curve_of(tmp_path)
+    monkeypatch.setattr(wide, "_BLOCK_BEAD_STEPS", 1e5)
+    column, factor, message = SPOILT[how]
+    spoilt(monkeypatch, 1, column, factor)
+    reports: list[Progress] = []
+    with pytest.warns(UserWarning, match=rf"The run at 4 pN is given up: The run .*{message}") as caught:
+        curve = curve_of(tmp_path, progress=reports.append)
+    assert len(caught) == 1
+    assert curve.diverged.values.tolist() == [0, 1, 0]
+    assert curve.finished.values.tolist() == [1, 0, 1]
+    assert np.isnan(curve.extension[1])
+    both = np.hypot(curve.extension_error, whole.extension_error)
+    assert (np.abs(curve.extension - whole.extension) <= tol.SIGMAS * both)[[0, 2]].all()
+    assert reports[-1].finished == 2
+    assert reports[-1].fraction == pytest.approx(1)
+
+    kept = tmp_path / "kept.checkpoint"
+    with monkeypatch.context() as patch:
+        killed_after(patch, 2 * 3)
+        with pytest.raises(Killed):
+            curve_of(tmp_path, checkpoint=kept)
+    with pytest.warns(UserWarning, match="The run at 4 pN is given up: By its checkpoint the run has diverged"):
+        again = curve_of(tmp_path, checkpoint=kept)
+    same(again, curve)
+
+
+@OPENCL
+def test_opencl_gives_up_one_force_alone_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    spoilt(monkeypatch, 1, 0, 12.0)
+    with pytest.warns(UserWarning, match=r"The run at 4 pN is given up: The run (diverged|has heated up)"):
+        curve = of.force_extension(filament(6), FORCES * PN, WARM, 0.2, seed=3, platform="OpenCL")
+    assert curve.diverged.values.tolist() == [0, 1, 0]
+    z = (curve.extension - exact(filament(6), FORCES, 3)) / curve.extension_error
+    assert (np.abs(z[[0, 2]]) <= tol.SIGMAS).all()
+
+
+def test_what_is_given_up_stands_still_and_leaves_the_numbers_of_the_others() -> None:
+    """Bit for bit on Reference, though the report on it repeats its steps."""
+    plans = plan_curve(filament(6), np.array(FORCES), 298.0, np.full(3, 0.1), 3, None)
+
+    def ran(bad: bool) -> list[Any]:
+        run = wide.WideRun(wide.wide_points(plans, 298.0, 3, 1, "Reference"), 1)
+        parts = [run.advance(10)]
+        own, good = run._point == 1, run._good[0].copy()
+        if bad:
+            values = own_steps.values_of(run._integrator)
+            values[0, own] *= 12
+            own_steps.set_values(run._integrator, values)
+        parts += [run.advance(10), run.advance(5)]
+        assert list(run.failures) == [1] * bad
+        assert (run._good[0][own] == good[own]).all() == bad
+        return parts
+
+    well, ill = ran(False), ran(True)
+    for one, other in zip(well, ill, strict=True):
+        for i in (0, 2):
+            np.testing.assert_array_equal(other[i].extensions, one[i].extensions)
+    assert [np.isnan(part[1].extensions).all() for part in ill] == [False, True, True]
+
+
+def test_a_platform_that_stops_at_once_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = wide._integrator
+
+    def integrator(model: Any, points: Any, heat: float, seed: int) -> Any:
+        made = real(model, points, heat, seed)
+
+        def step(_: int) -> None:
+            raise mm.OpenMMException("Particle coordinate is NaN.")
+
+        made.step = step
+        return made
+
+    monkeypatch.setattr(wide, "_integrator", integrator)
+    with pytest.raises(DivergedError, match=r"stops the whole Context for it \(Particle .*leave `platform` out"):
+        of.force_extension(filament(6), FORCES * PN, WARM, 0.1)
+
+
+def test_starts_with_dihedrals_are_calmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Starts with tens of times the thermal energy in their torsions: a thousand steps of strong friction take it out."""
+    rest = of.shapes.helix(12, radius=3 * NM, pitch=5 * NM, turns=1.5)
+    terms = (of.stretching.Harmonic(500 * KJ / NM**2), of.bending.Harmonic(200 * KJ), of.torsion.Harmonic(100 * KJ))
+    chain = of.Filament(rest, 300 * unit.dalton, terms)
+    plans = plan_curve(chain, np.array([2.0, 5.0]), 298.0, np.full(2, 0.2), 3, None)
+
+    def stored() -> float:
+        """Potential energy of the torsions over that of so many oscillators, after a step."""
+        points = wide.wide_points([replace(plan, warm_up=1) for plan in plans], 298.0, 3, 1, "Reference")
+        run = wide.WideRun(points, 1)
+        assert run._ticks == 0
+        group = run._model.groups["torsion"]
+        energy = run._context.getState(energy=True, groups=1 << group).getPotentialEnergy()
+        elements = next(len(i.beads) for i in run._model.interactions if i.term.family == "torsion")
+        return float(energy / KJ) / (elements * of.units.BOLTZMANN * 298 / 2)
+
+    def rough(filament: Any, force: float, kelvin: float, count: int, rng: Any, dimension: int) -> Any:
+        return equilibrium_starts(filament, force, kelvin, count, rng, dimension) + 0.4 * rng.normal(
+            size=(count, 13, 3)
+        )
+
+    monkeypatch.setattr(wide, "equilibrium_starts", rough)
+    assert stored() < 2
+    monkeypatch.setattr(wide, "needs_calm", lambda model: False)
+    assert stored() > 10
 
 
 @pytest.mark.parametrize("beside", [{"processes": 2}, {"executor": object()}])

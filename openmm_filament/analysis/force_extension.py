@@ -49,14 +49,15 @@ class ForceExtensionFit:
         persistence_length and contour_length in nm, stretch_modulus in pN (infinite for an inextensible chain), fitted or
         given.
     errors : dict of str to float
-        One standard error of each fitted parameter, from the curvature at the best values.
+        One standard error of each fitted parameter, from the curvature at the best values; infinite for one that the data do
+        not determine, alone or beside the others.
     intervals : dict of str to (low, high)
         Of confidence `level`, by profile likelihood; an infinite end is one that the data do not bound.
     level : float
     fitted : tuple of str
         The fitted parameters, in the order of the covariance.
     covariance : (P, P) array
-        In nm and pN.
+        In nm and pN; infinite and NaN for parameters that are not determined.
     chi_squared : float
         Sum of the squared residuals over their standard errors; of curves without errors, over 1 nm^2.
     degrees_of_freedom : int
@@ -183,6 +184,9 @@ def fit_force_extension(
     scales = np.array([chain.slope(name, values[name]) for name in chain.fitted])
     with np.errstate(invalid="ignore"):
         covariance = best.covariance * np.outer(scales, scales) * (1.0 if spread is None else spread)
+    lost = best.undetermined
+    covariance[lost] = covariance[:, lost] = math.nan
+    covariance[lost, lost] = math.inf
     found = ForceExtensionFit(
         model,
         kelvin,
@@ -228,10 +232,11 @@ def _tell(found: ForceExtensionFit, chain: FittedChain, best: Minimum, spread: f
         moved = best.covariance @ (best.jacobian.T @ (off / chain.errors(best.at)))
         shifts = ", ".join(
             f"{name} by about {chain.slope(name, found.values[name]) * by:+.3g}"
-            for name, by in zip(found.fitted, moved, strict=True)
+            for name, by, lost in zip(found.fitted, moved, best.undetermined, strict=True)
+            if not lost
         )
         warnings.warn(
             f"The model {found.model!r} is off the exact chain by {off[worst]:.3g} nm at {found.curve.force[worst]:.4g} pN, "
-            f"{abs(off[worst]) / error[worst]:.1f} standard errors of that point, which shifts {shifts}.",
+            f"{abs(off[worst]) / error[worst]:.1f} standard errors of that point{shifts and f', which shifts {shifts}'}.",
             stacklevel=3,
         )

@@ -28,6 +28,13 @@ _CLOSE = 0.03
 """Length of a step, in standard errors, after which a minimum along a profile has been reached: chi-squared, with what the
 step takes off it, is then within about 1e-4."""
 
+_DEGENERATE = 1e-7
+"""Singular value of the Jacobian, its columns scaled to one, over the largest, below which its differences only make noise: no
+change of the residuals tells of a step along that direction, and the parameters that take part in it are not determined."""
+
+_TAKES_PART = 1e-3
+"""Component of such a direction from which a parameter takes part in it."""
+
 _FAR = 60.0
 """Standard errors from the best value at which an interval counts as open."""
 
@@ -56,13 +63,18 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Best parameters (P,), residuals (M,), Jacobian (M, P), chi-squared, and the inverse of `J^T J` (P, P)."""
+    """Best parameters (P,), residuals (M,), Jacobian (M, P), chi-squared, and the inverse of `J^T J` (P, P).
+
+    Where the data leave directions undetermined, the inverse is that on the others, and `undetermined` (P,) tells which
+    parameters take part in them: their errors are infinite.
+    """
 
     at: Array
     residuals: Array
     jacobian: Array
     chi_squared: float
     covariance: Array
+    undetermined: NDArray[np.bool_]
 
 
 def minimise(problem: Problem, start: Array) -> Minimum:
@@ -88,9 +100,19 @@ def minimise(problem: Problem, start: Array) -> Minimum:
     at = np.asarray(found.x)
     jacobian = problem.jacobian(at)
     residuals = problem.residuals(at)
-    return Minimum(
-        at, residuals, jacobian, float(residuals @ residuals), np.asarray(np.linalg.pinv(jacobian.T @ jacobian))
-    )
+    return Minimum(at, residuals, jacobian, float(residuals @ residuals), *_inverse(jacobian))
+
+
+def _inverse(jacobian: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """The inverse of `J^T J` (P, P) on the directions that the data determine, and which parameters take part in others."""
+    size = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(size > 0, size, 1.0)
+    _, values, rows = np.linalg.svd(jacobian / scale, full_matrices=True)
+    found = np.zeros(len(size))
+    found[: len(values)] = values
+    known = found > _DEGENERATE * found.max(initial=0.0)
+    half = rows[known] / found[known, None] / scale
+    return half.T @ half, (np.abs(rows[~known]) > _TAKES_PART).any(axis=0)
 
 
 def profile(problem: Problem, best: Minimum, parameter: int, level: float, spread: float | None) -> tuple[float, float]:
@@ -107,8 +129,10 @@ def profile(problem: Problem, best: Minimum, parameter: int, level: float, sprea
     Returns
     -------
     tuple of float
-        A bound of the parameter, or an infinity, where the interval is open.
+        A bound of the parameter, or an infinity, where the interval is open; both infinite for one that is not determined.
     """
+    if best.undetermined[parameter]:
+        return -math.inf, math.inf
     if spread == 0:  # the fit goes through every point
         return float(best.at[parameter]), float(best.at[parameter])
     rise = float(special.chdtri(1, 1 - level))
@@ -127,6 +151,7 @@ def _scaled(problem: Problem, best: Minimum, unit: float) -> tuple[Problem, Mini
         best.jacobian / unit,
         best.chi_squared / unit**2,
         best.covariance * unit**2,
+        best.undetermined,
     )
     return Problem(lambda at: problem.residuals(at) / unit, problem.low, problem.high), minimum
 

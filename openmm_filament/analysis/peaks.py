@@ -95,9 +95,9 @@ def lines(
     Raises
     ------
     ValueError
-        If fewer lines are found than asked for; if two of `near` are closer than two resolutions, which a Hann window does
-        not part, or one lies outside (2 resolutions, half the sampling rate); if the signal is constant; if more than 500
-        peaks are asked for, as a threshold below the noise does.
+        If fewer lines are found than asked for, or none about one of `near`; if `near` is empty, two of it are closer than
+        two resolutions, which a Hann window does not part, or one lies outside (2 resolutions, half the sampling rate); if
+        the signal is constant; if more than 500 peaks are asked for, as a threshold below the noise does.
     TypeError
         If the signal is complex.
 
@@ -155,9 +155,10 @@ def _nearest(
     near: Array, peaks: NDArray[np.intp], height: Array, resolution: float, nyquist: float
 ) -> NDArray[np.intp]:
     """The strongest peak about each of the frequencies `near`."""
-    wanted = np.sort(np.atleast_1d(near))
-    check.shape("near", wanted, (None,))
-    check.within("near", wanted, 2 * resolution, nyquist, open_ends=True, unit="Hz")
+    wanted = check.shape("near", np.atleast_1d(near), (None,))
+    if not len(wanted):
+        raise ValueError("Argument `near` must hold at least one frequency, but is empty.")
+    wanted = np.sort(check.within("near", wanted, 2 * resolution, nyquist, open_ends=True, unit="Hz"))
     gaps = np.diff(wanted)
     if len(gaps) and gaps.min() < _APART * resolution:
         i = int(np.argmin(gaps))
@@ -172,7 +173,10 @@ def _nearest(
         low, high = frequency - down, frequency + up
         about = peaks[(peaks * resolution > low) & (peaks * resolution < high)]
         if not len(about):
-            raise check.fail("near", f"have a peak in each range, such as ({low:g}, {high:g}) Hz", "without one there")
+            raise ValueError(
+                "Argument `near` must hold frequencies with a line no further off than half the way to the next of them, but "
+                f"{frequency:g} Hz has none from {low:g} to {high:g} Hz."
+            )
         chosen.append(about[np.argmax(height[about])])
     return np.array(chosen)
 

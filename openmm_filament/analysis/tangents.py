@@ -131,6 +131,11 @@ def persistence_length(
     and `2 l_p` in a plane. The weights are those of independent pairs on such a chain. For the discrete chain of rigid or
     harmonic bonds this is exact, `l_p = -b/ln<cos beta>`.
 
+    Of a chain whose joints rest bent, by however little, and have no torsion, that is not `K b/(k_B T)` of its bending
+    stiffness K: the bends turn freely about the segments, so that a rest angle beta0 counts as a random bend, and for
+    `K beta0^2` well above `k_B T` the length is near `-b/ln(cos beta0)`, however stiff the joints. With a torsion the
+    correlation of a bent shape oscillates, and has no persistence length at all.
+
     The error follows from the series of what each frame moves the result by, to first order, and its autocorrelation:
     it allows for the correlation of frames and of separations alike.
 

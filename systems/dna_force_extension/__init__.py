@@ -33,7 +33,7 @@ from systems.dna_force_extension.curve import (
     write_csv,
 )
 from systems.dna_force_extension.display import Display, table
-from systems.scene import Summary, prepared_checkpoint
+from systems.scene import Summary, prepared_checkpoint, what_goes_on
 
 __all__ = ["options", "run"]
 
@@ -126,6 +126,6 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         verdict = "[green]passed[/]" if check.passed else "[red]FAILED[/]"
         console.print(f"{verdict} {check.name}: {check.error:.3g} (at most {check.tolerance:.3g})", soft_wrap=True)
     if interrupted:
-        console.print("interrupted: the same command with --resume goes on", soft_wrap=True)
+        console.print(f"interrupted: {what_goes_on(kept)}", soft_wrap=True)
         return 130
     return 0 if summary.passed else 1
