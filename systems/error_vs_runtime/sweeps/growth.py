@@ -22,7 +22,7 @@ from openmm_filament.executors import available_workers
 from openmm_filament.parallel import run_all
 from systems.error_vs_runtime.integrators import available
 
-__all__ = ["TERMS", "Growth", "Row", "crossover", "flatness", "grown"]
+__all__ = ["TERMS", "Growth", "Row", "crossover", "expected", "flatness", "grown"]
 
 Array = NDArray[np.float64]
 
@@ -145,6 +145,11 @@ def _opened(beads: int) -> tuple[of.Model, mm.Context]:
     context = mm.Context(model.system, mm.VerletIntegrator(1e-4), mm.Platform.getPlatformByName("Reference"))
     context.setPositions(model.positions)
     return model, context
+
+
+def expected(*, quick: bool) -> float:
+    """Seconds that all measurements are expected to take."""
+    return 20.0 if quick else 150.0
 
 
 def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:

@@ -158,7 +158,7 @@ def dna_studies(*, quick: bool) -> list[Study]:
     """The DNA at a small and at a middling force, by segments and length of the runs; the time step by itself."""
     out = []
     efforts = (4.0, 12.0) if quick else (6.0, 18.0, 54.0)
-    for which, others, share in ((1, (12, 32), 1.0), (5, (36, 72), 6.0)):
+    for which, others, seconds in ((1, (8, 24), 1.5), (5, (36, 72), 4.0)):
         default = _chosen(which, efforts[-1])
         cuts = [default, *(replace(default, segments=n) for n in others)]
         settings = [replace(s, effort=e) for s in cuts for e in efforts]
@@ -172,7 +172,8 @@ def dna_studies(*, quick: bool) -> list[Study]:
                 "dna_force_extension", f"extension at {dna.FORCES[which]:.2g} pN", "continuous worm-like chain",
                 partial(_pull, discrete=False), settings,
                 [Order("scatter, length of the run", "effort", -0.5, partial(_alike, default), kind="claim")],
-                default, float(dna.wanted_errors(None, quick=False)[which]), share, partial(_envelope, cuts),
+                default, float(dna.wanted_errors(None, quick=False)[which]),
+                seconds if quick else 10 * seconds, partial(_envelope, cuts),
                 partial(_as_long, default),
             )
         )  # fmt: skip
@@ -183,7 +184,7 @@ def dna_studies(*, quick: bool) -> list[Study]:
                 "dna_force_extension", f"time step alone, {small.segments} segments", "exact discrete chain",
                 partial(_pull, discrete=True), [replace(small, step=step) for step in (0.55, 0.75, 0.95)],
                 [Order("bias of LangevinMiddle, time step", "step", 2.0, lambda s: True, kind="claim")],
-                share=4.0, known=_of_step,
+                seconds=40.0, known=_of_step,
             )
         )  # fmt: skip
     return out
@@ -222,7 +223,7 @@ def helix_studies(*, quick: bool) -> list[Study]:
     return [
         Study(
             "helix_force_extension", f"tangent correlation {SEPARATION} apart", "product of mean rotations", _helix, settings,
-            [order], default, None, 2.0, lambda s: 0.0,
+            [order], default, None, 5.0 if quick else 25.0, lambda s: 0.0,
         )
     ]  # fmt: skip
 
@@ -248,6 +249,6 @@ def planar_studies(*, quick: bool) -> list[Study]:
     return [
         Study(
             "planar_force_extension", "extension at k_BT = alpha", "exact discrete chain in the plane", _planar, settings,
-            [order], share=1.0, known=lambda s: 0.0,
+            [order], seconds=3.0 if quick else 12.0, known=lambda s: 0.0,
         )
     ]  # fmt: skip
