@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 PN: float = (1.0 * unit.piconewton * unit.AVOGADRO_CONSTANT_NA).value_in_unit(unit.kilojoule_per_mole / unit.nanometer)
 """One piconewton in kJ/mol/nm, 0.602214."""
 
-_LADDER = (8, 12, 16, 24, 40, 64, 112, 200, 360, 640, 1140)
+_LADDER = (12, 16, 24, 40, 64, 112, 200, 360, 640, 1140)
 """Segments of a chain of 19 persistence lengths (for others in proportion) at which the discretisation error is
 computed, as far as the wanted error asks; between them it is interpolated."""
 

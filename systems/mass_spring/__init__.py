@@ -50,7 +50,8 @@ def options(parser: argparse._ArgumentGroup) -> None:
 
 def timestep_of(chain: Chain) -> float:
     """The time step of the table in s."""
-    return min(PHASE / chain.cutoff, _STABLE * of.stable_timestep(chain.model).value_in_unit(unit.second))
+    limit = float(of.stable_timestep(chain.model).value_in_unit(unit.second))
+    return min(PHASE / chain.cutoff, _STABLE * limit)
 
 
 def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) -> int:

@@ -25,7 +25,7 @@ from openmm_filament import wlc
 from openmm_filament.discretisation import PN
 from systems.dna_force_extension import curve as dna
 
-FORCES = dna.FORCES[[8, 10]]
+FORCES = dna.FORCES[[9, 10]]
 WANTED = 0.009
 """Relative error, as the system asks for there: bias and two standard errors."""
 
@@ -34,7 +34,7 @@ BOND = dna.CONTOUR / SEGMENTS
 BENDING, STRETCHING = dna.KT * dna.PERSISTENCE / BOND, dna.MODULUS / BOND  # pN nm, pN/nm
 STEP, FRICTION = 0.05, 1.0  # ps, 1/ps
 
-RELAXATIONS, WARM_UP, SAMPLES = 10, 2.5, 20
+RELAXATIONS, WARM_UP, SAMPLES = 5, 2.5, 20
 """Length of the run in relaxation times, those left out before it, and samples in one."""
 
 ROUNDS, TIMED = 3, 400

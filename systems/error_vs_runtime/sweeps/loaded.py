@@ -15,15 +15,14 @@ import openmm_filament as of
 from systems import strings, weighted_string
 from systems.error_vs_runtime.settings import Order, Setting, Study
 from systems.error_vs_runtime.sweeps.strung import (
-    FRACTIONS,
     PARTIALS,
-    QUICK_FRACTIONS,
+    by_step,
     damping,
     is_damped,
     resting,
     time_step_alone,
 )
-from systems.error_vs_runtime.sweeps.variants import DAMPED, integrators_at, variants
+from systems.error_vs_runtime.sweeps.variants import variants
 from systems.error_vs_runtime.sweeps.vibrations import Scene, measure
 from systems.weighted_string import chain as weighted
 
@@ -93,10 +92,8 @@ def weighted_studies(*, quick: bool) -> list[Study]:
     )
     weak = replace(scene, build=partial(_loaded, weaker=25.0), seconds=0.006 if quick else 0.015)
     body = replace(scene, lines=_weighted_body, seconds=0.04)
-    steps = QUICK_FRACTIONS if quick else FRACTIONS
     settings = [
-        *integrators_at(weighted.SEGMENTS, steps, DAMPED, softer=strings.SOFTER),
-        *(() if quick else (Setting(weighted.SEGMENTS, 0.9, "PEFRL", softer=strings.SOFTER),)),
+        *by_step(Setting(weighted.SEGMENTS, softer=strings.SOFTER), quick=quick),
         default,
         *variants(Setting(weighted.SEGMENTS, 0.8, softer=strings.SOFTER), opencl=False),
     ]

@@ -49,7 +49,7 @@ def mass_spring_studies(*, quick: bool) -> list[Study]:
     """Nine masses against their exact lines, and up to 1023 against the continuous string."""
     chain = Chain(9)
     limit = of.stable_timestep(chain.model).value_in_unit(unit.second) * chain.cutoff
-    default = Setting(9, mass_spring.PHASE / limit)
+    default = Setting(9, mass_spring.PHASE / limit, "PEFRL")
     steps = (0.4, 0.1, 0.02) if quick else (0.8, 0.4, 0.2, 0.1, 0.05, 0.025, 0.012, 0.006, 0.003)
     scene = Scene(lambda s: Chain(s.segments).model, partial(_moved, first=True), _lines, 0.1, 1)
     settings = [

@@ -128,7 +128,7 @@ def helix_studies(*, quick: bool) -> list[Study]:
     settings = [Setting(n, method=NEWTON) for n in sizes]
     return [
         Study(
-            "helix_force_extension", "small-load stiffness", "helix formula", _helix,
+            "helix_force_extension", f"small-load stiffness, G/E = {SHEAR / coil.YOUNG:g}", "helix formula", _helix,
             settings + [Setting(20 if quick else 40, method=MINIMISER, effort=t) for t in tolerances],
             [Order("segments", "segments", -2.0, lambda s: s.method == NEWTON and s.segments >= 28)],
             default, helix_force_extension.STIFFNESS, seconds=3.0 if quick else 20.0,
@@ -186,7 +186,8 @@ def ring_studies(*, quick: bool) -> list[Study]:
     steps = (0.8, 0.4, 0.2) if quick else (0.8, 0.4, 0.2, 0.1, 0.05)
     shorter = (0.8, 0.4, 0.2) if quick else (0.8, 0.4, 0.2, 0.1)
     scene = Scene(lambda s: of.build(ring.thesis_ring(gap=True).filament), _ring_begin, _ring_lines, 2e-3, 0)
-    lines = [Setting(beads, step, name) for name in ("Verlet", "Euler-Cromer", "PEFRL") for step in shorter]
+    lines = [Setting(beads, step, name) for name in ("Verlet", "Euler-Cromer") for step in shorter]
+    lines += [Setting(beads, step, "PEFRL") for step in shorter[:2]]
     sizes = (6, 12, 24, 48, 96) if quick else (6, 12, 24, 48, 96, 192)
     slow = (12, 16) if quick else (12, 16, 24)
     return [

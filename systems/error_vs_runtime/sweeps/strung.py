@@ -18,9 +18,8 @@ from systems.error_vs_runtime.sweeps.vibrations import Scene, measure
 from systems.guitar_string import report, soft
 
 __all__ = [
-    "FRACTIONS",
     "PARTIALS",
-    "QUICK_FRACTIONS",
+    "by_step",
     "damping",
     "guitar_studies",
     "is_damped",
@@ -32,9 +31,6 @@ Array = NDArray[np.float64]
 
 PARTIALS = 10
 """Lines of the strings that are held against the continuous body."""
-
-FRACTIONS, QUICK_FRACTIONS = (0.9, 0.7, 0.5, 0.25), (0.9, 0.6)
-"""Time steps over the stability limit."""
 
 ORDER_SEGMENTS = 45
 """Segments of the chain that it is measured with: bending by arctangent, for the rounding of the arccosine hides small errors."""
@@ -71,6 +67,16 @@ def _guitar_body(setting: Setting) -> tuple[Array, Array, Array]:
     return lines, strings.beats(body, damping(setting)).frequencies, shapes
 
 
+def by_step(base: Setting, *, quick: bool) -> list[Setting]:
+    """Every integrator at long steps and short ones; quick, the short ones for the integrator that the systems use alone."""
+    steps = (0.9,) if quick else (0.9, 0.7, 0.5, 0.25)
+    out = [replace(base, step=step, integrator=name) for name in DAMPED for step in steps]
+    last = (
+        replace(base, step=0.6, integrator="LangevinMiddle") if quick else replace(base, step=0.9, integrator="PEFRL")
+    )
+    return [*out, last]
+
+
 def time_step_alone(system: str, scene: Scene) -> Study:
     """The order of a string's lines in the time step, at an amplitude so small that nothing else shows."""
     return Study(
@@ -86,7 +92,6 @@ def guitar_studies(*, quick: bool) -> list[Study]:
     default = Setting(
         soft.SEGMENTS, 1 / (strings.RATE * strings.EVERY) / limit, "LangevinMiddle", softer=strings.SOFTER
     )
-    steps = QUICK_FRACTIONS if quick else FRACTIONS
     scene = Scene(
         _plucked, resting, partial(_guitar_lines, soft.HARMONICS), 0.02 if quick else 0.04, 0, strings.PLUCKING,
         strings.DAMPING,
@@ -94,8 +99,7 @@ def guitar_studies(*, quick: bool) -> list[Study]:
     weak = replace(scene, build=partial(_plucked, weaker=5.0), seconds=0.006 if quick else 0.015)
     body = replace(scene, lines=_guitar_body, seconds=0.03)
     settings = [
-        *integrators_at(soft.SEGMENTS, steps, DAMPED, softer=strings.SOFTER),
-        *(() if quick else (Setting(soft.SEGMENTS, 0.9, "PEFRL", softer=strings.SOFTER),)),
+        *by_step(Setting(soft.SEGMENTS, softer=strings.SOFTER), quick=quick),
         default,
         *variants(Setting(soft.SEGMENTS, 0.8, softer=strings.SOFTER), opencl=not quick),
     ]

@@ -157,8 +157,8 @@ def _chosen(which: int, effort: float) -> Setting:
 def dna_studies(*, quick: bool) -> list[Study]:
     """The DNA at a small and at a middling force, by segments and length of the runs; the time step by itself."""
     out = []
-    efforts = (4.0, 12.0) if quick else (6.0, 18.0, 54.0)
-    for which, others, seconds in ((1, (8, 24), 1.5), (5, (36, 72), 4.0)):
+    efforts = (3.0, 9.0) if quick else (6.0, 18.0, 54.0)
+    for which, others, seconds in ((1, (16, 28), 2.5), (5, (36, 72), 4.5)):
         default = _chosen(which, efforts[-1])
         cuts = [default, *(replace(default, segments=n) for n in others)]
         settings = [replace(s, effort=e) for s in cuts for e in efforts]
@@ -218,7 +218,7 @@ def helix_studies(*, quick: bool) -> list[Study]:
     )
     efforts = (1.0, 4.0) if quick else (2.0, 8.0, 16.0)
     settings = [replace(default, effort=e) for e in efforts]
-    settings += [replace(default, step=part * default.step) for part in (0.5, 1.5)]
+    settings += [replace(default, step=part * default.step) for part in ((1.5,) if quick else (0.5, 1.5))]
     order = Order("scatter, length of the run", "effort", -0.5, partial(_alike, default), kind="claim")
     return [
         Study(
@@ -243,7 +243,7 @@ def _planar(setting: Setting, seed: int) -> Result:
 
 def planar_studies(*, quick: bool) -> list[Study]:
     """The planar chain with `k_B T` as large as a joint's bending stiffness, by the samples of a run."""
-    efforts = (15.0, 60.0) if quick else (15.0, 60.0, 240.0)
+    efforts = (10.0, 40.0) if quick else (15.0, 60.0, 240.0)
     settings = [Setting(30, math.nan, "LangevinMiddle", effort=e, force=1.0) for e in efforts]
     order = Order("scatter, length of the run", "effort", -0.5, lambda s: True, kind="claim")
     return [
