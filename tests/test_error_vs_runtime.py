@@ -93,6 +93,8 @@ def test_the_cheapest_setting_is_recommended_and_a_default_only_if_it_is_as_chea
     assert [c.passed for c in judgement.checks([replace(made, default=coarse.setting)])] == [False, True, False]
     assert [c.passed for c in judgement.checks([replace(made, default=fine.setting)])] == [True, True, False]
     assert [c.passed for c in judgement.checks([both])] == [True, True, True]
+    assert judgement.cheapest(study([coarse, mid])) is None
+    assert judgement.findings([study([coarse, mid])]) == []
 
 
 def test_settings_are_equal_within_the_spread_of_their_runs_and_never_beyond_a_factor_of_two() -> None:
@@ -106,16 +108,19 @@ def test_settings_are_equal_within_the_spread_of_their_runs_and_never_beyond_a_f
         assert judgement.cheapest(made) is best
         assert (judgement.recommended(made) is default) == equal
         assert judgement.checks([made])[-1].passed == equal
-    noise = np.random.default_rng(3).standard_normal(200)
-    noisy = [
-        Outcome(Setting(n, 0.5), (Result(t, 0.1 * noise[:count]),)) for n, t, count in ((10, 1.0, 8), (20, 1.5, 200))
-    ]
-    made = study(noisy, stated=0.02, default=noisy[1].setting, known=lambda s: 0.0)
+
+
+def test_a_scatter_of_few_seeds_tells_less() -> None:
+    def scattered(segments: int, seconds: float, seeds: int) -> Outcome:
+        return Outcome(Setting(segments, 0.5), (Result(seconds, 0.1 * (-1.0) ** np.arange(seeds)),))
+
+    default = scattered(20, 1.5, 200)
     few, many = (
-        judgement.margin(made),
-        judgement.margin(replace(made, outcomes=(noisy[1], replace(noisy[0], results=noisy[1].results)))),
+        study([scattered(10, 1.0, n), default], stated=0.02, default=default.setting, known=lambda s: 0.0)
+        for n in (8, 200)
     )
-    assert few[1] > many[1]
+    assert judgement.recommended(few) is default
+    assert judgement.recommended(many) is not default
 
 
 def test_a_wrong_order_fails() -> None:

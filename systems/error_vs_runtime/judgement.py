@@ -44,7 +44,9 @@ def _spread(outcome: Outcome) -> tuple[float, float]:
 
 
 def cheapest(study: Study) -> Outcome | None:
-    """The admitted setting that meets what the system states in the shortest time; None without one."""
+    """The admitted setting that meets what the system states in the shortest time; None without one, or where it states none."""
+    if study.stated is None:
+        return None
     good = [o for o in study.outcomes if o.results and study.admitted(o.setting) and math.isfinite(_cost(study, o))]
     return min(good, key=lambda o: _cost(study, o), default=None)
 

@@ -189,8 +189,11 @@ def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
 
 
 def flatness(rows: list[Row]) -> float:
-    """The largest deviation of the cost of a bead and step from its median over the sizes from 100 beads, as a part of it."""
-    costs = np.array([r.ns_per_bead_step for r in rows if r.beads >= FLAT_FROM])
+    """The largest deviation of the cost of a bead and step from its median over the sizes from 100 beads, as a part of it.
+
+    Of the shortest run of each size: what else the machine does only adds to it.
+    """
+    costs = np.array([r.least for r in rows if r.beads >= FLAT_FROM])
     return float(np.abs(costs / np.median(costs) - 1).max())
 
 
