@@ -96,7 +96,7 @@ def test_a_step_whose_own_error_is_too_large_is_refused() -> None:
 
 @pytest.mark.slow
 def test_long_steps_are_off_by_what_is_said() -> None:
-    """12 segments at 0.05 pN and 0.8 of the limit: more than one per cent, in a few minutes, to a fraction of that."""
+    """16 segments at 0.05 pN and 0.8 of the limit: one and a half per cent, in a few minutes, to a fraction of that."""
     error = 0.012 if os.environ.get("OPENMM_FILAMENT_SHORT") else 0.004
     chain = choose(DNA, np.array([0.05]), ROOM * unit.kelvin, np.array([0.027]))[0].filament
     model = of.build(chain, [of.loads.Hold(0), of.loads.Pull(-1, (0, 0, 0.05) * PN)])
@@ -104,5 +104,5 @@ def test_long_steps_are_off_by_what_is_said() -> None:
     curve = of.force_extension(chain, [0.05] * PN, ROOM * unit.kelvin, error, seed=8, timestep=step)
     exact = float(curve.exact_discrete[0])
     expected = float(curve.time_step_bias[0])
-    assert expected > 0.01 * exact
+    assert expected > 0.013 * exact
     assert abs(float(curve.extension[0]) - exact - expected) < tol.SIGMAS * float(curve.extension_error[0])
