@@ -15,9 +15,9 @@ from openmm_filament import units
 from openmm_filament.bookkeeping import Books, allowed_rise
 from openmm_filament.evaluation import internal_positions, kinetic_temperature
 from openmm_filament.geometry import bending_angles, dihedrals
-from openmm_filament.inspection import describe_bead
 from openmm_filament.integrators import temperature_of
 from openmm_filament.model import Model
+from openmm_filament.refusals import describe_bead
 from openmm_filament.timestep import highest_frequency
 
 __all__ = ["DivergedError", "Watch", "check_heat", "diagnose", "furthest", "has_left", "watch"]

@@ -14,9 +14,9 @@ import pytest
 
 from systems import __main__ as command
 from systems import mass_spring, strings
-from systems.error_vs_runtime import figures, front, judgement, tables
-from systems.error_vs_runtime.settings import Order, Outcome, Result, Setting, Study, measured
-from systems.error_vs_runtime.sweeps import growth, statics, swinging, thermal
+from systems.error_vs_runtime import figures, front, judgement, tables, turns
+from systems.error_vs_runtime.settings import Order, Outcome, Result, Setting, Study
+from systems.error_vs_runtime.sweeps import growth, loaded, masses, statics, thermal
 from systems.weighted_string import chain as weighted
 
 
@@ -85,9 +85,42 @@ def test_the_cheapest_setting_is_recommended_and_a_default_only_if_it_is_as_chea
     near = outcome(21, 2.2, 0.009)
     both = study([coarse, mid, near], stated=0.02, default=near.setting)
     assert judgement.recommended(both) is near
-    assert "times as fast" in judgement.findings([replace(made, default=fine.setting)])[0]
-    bad = judgement.checks([replace(made, default=coarse.setting)])
-    assert [check.passed for check in bad] == [False, True]
+    assert (
+        "4 times as fast: and the default is not recommended"
+        in judgement.findings([replace(made, default=fine.setting)])[0]
+    )
+    assert "does not get there" in judgement.findings([replace(made, default=coarse.setting)])[0]
+    assert [c.passed for c in judgement.checks([replace(made, default=coarse.setting)])] == [False, True, False]
+    assert [c.passed for c in judgement.checks([replace(made, default=fine.setting)])] == [True, True, False]
+    assert [c.passed for c in judgement.checks([both])] == [True, True, True]
+    assert judgement.cheapest(study([coarse, mid])) is None
+    assert judgement.findings([study([coarse, mid])]) == []
+
+
+def test_settings_are_equal_within_the_spread_of_their_runs_and_never_beyond_a_factor_of_two() -> None:
+    def timed(segments: int, *seconds: float) -> Outcome:
+        return Outcome(Setting(segments, 0.5), tuple(Result(t, np.array([1e-3])) for t in seconds))
+
+    best, steady = timed(10, 1.0, 1.1, 1.2), timed(20, 1.6, 1.65, 1.7)
+    wide, slow = timed(20, 1.2, 1.65, 1.7), timed(20, 1.0, 2.5, 9.0)
+    for default, equal in ((steady, False), (wide, True), (slow, False)):
+        made = study([best, default], stated=0.02, default=default.setting)
+        assert judgement.cheapest(made) is best
+        assert (judgement.recommended(made) is default) == equal
+        assert judgement.checks([made])[-1].passed == equal
+
+
+def test_a_scatter_of_few_seeds_tells_less() -> None:
+    def scattered(segments: int, seconds: float, seeds: int) -> Outcome:
+        return Outcome(Setting(segments, 0.5), (Result(seconds, 0.1 * (-1.0) ** np.arange(seeds)),))
+
+    default = scattered(20, 1.5, 200)
+    few, many = (
+        study([scattered(10, 1.0, n), default], stated=0.02, default=default.setting, known=lambda s: 0.0)
+        for n in (8, 200)
+    )
+    assert judgement.recommended(few) is default
+    assert judgement.recommended(many) is not default
 
 
 def test_a_wrong_order_fails() -> None:
@@ -108,10 +141,26 @@ def test_runs_take_turns_and_what_cannot_run_is_kept_with_the_reason() -> None:
         return Result(1.0, np.array([0.1]))
 
     made = Study("made", "up", "zero", measure, [Setting(1), Setting(2), Setting(3)])
-    found = measured(made, 2, 1, lambda fraction: None)
-    assert seen == [1, 2, 3, 1, 3]
-    assert [len(o.results) for o in found] == [2, 0, 2]
-    assert found[1].failure == "too short"
+    (first, second) = turns.measured([made, replace(made, question="again")], 2, 1, lambda fraction: None)
+    assert seen == [1, 2, 3, 1, 2, 3, 1, 3, 1, 3]
+    assert [len(o.results) for o in first.outcomes] == [2, 0, 2] == [len(o.results) for o in second.outcomes]
+    assert first.outcomes[1].failure == "too short"
+
+
+def test_no_round_begins_that_would_end_too_late() -> None:
+    now = [0.0]
+
+    def measure(setting: Setting, seed: int) -> Result:
+        now[0] += setting.segments
+        return Result(1.0, np.array([0.1]))
+
+    made = Study("made", "up", "zero", measure, [Setting(2), Setting(3)], seconds=5.0)
+    assert turns.expected([made, made], 3) == 30.0
+    for seconds, rounds in ((19.9, 3), (20.0, 4), (1.0, turns.FEWEST), (math.inf, 6)):
+        now[0], told = 0.0, []
+        (one,) = turns.measured([made], 6, 1, told.append, seconds=seconds, clock=lambda: now[0])
+        assert [len(o.results) for o in one.outcomes] == [rounds, rounds]
+        assert told[1] == pytest.approx(1 / 6)
 
 
 def test_growth_is_flat_or_not_and_platforms_cross() -> None:
@@ -129,14 +178,14 @@ def test_growth_is_flat_or_not_and_platforms_cross() -> None:
 
 
 def test_lines_of_masses_converge_and_the_default_is_the_systems_own() -> None:
-    lines, _ = swinging.mass_spring_studies(quick=True)
+    lines, _ = masses.mass_spring_studies(quick=True)
     default = lines.default
     assert default is not None
     limit = default.step / mass_spring.PHASE
     assert limit == pytest.approx(1 / 1.4318419, rel=1e-6)  # 2/sqrt(2 q): springs twice as stiff as tension makes them
     steps = [Setting(9, step, name) for name in ("Verlet", "PEFRL") for step in (0.4, 0.2)]
     small = replace(lines, settings=steps)
-    small = replace(small, outcomes=tuple(measured(small, 1, 1, lambda fraction: None)))
+    (small,) = turns.measured([small], 1, 1, lambda fraction: None)
     verlet, fourth = (next(o for o in lines.orders if name in o.name) for name in ("Verlet", "PEFRL"))
     assert front.fitted(verlet, small.outcomes).order == pytest.approx(2.0, abs=0.1)
     assert front.fitted(fourth, small.outcomes).order == pytest.approx(4.0, abs=0.1)
@@ -149,8 +198,8 @@ def test_the_loaded_string_in_sines_is_the_limit_of_its_beads() -> None:
     masses = weighted.CASES[1].masses(segments)[1:-1]
     stiffness = weighted.matrices(segments)
     squared = linalg.eigh(stiffness / np.sqrt(np.outer(masses, masses)), eigvals_only=True, subset_by_index=(0, 5))
-    np.testing.assert_allclose(swinging.loaded_string(6), np.sqrt(squared) / (2 * np.pi), rtol=2e-3)
-    assert swinging.loaded_string(1)[0] < float(strings.stiff_law(1))
+    np.testing.assert_allclose(loaded.loaded_string(6), np.sqrt(squared) / (2 * np.pi), rtol=2e-3)
+    assert loaded.loaded_string(1)[0] < float(strings.stiff_law(1))
 
 
 def test_statics_come_to_the_exact_answer_with_their_residual() -> None:

@@ -56,7 +56,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("analysis",),
     ("sound",),
     ("reference", "rods", "model"),
-    ("evaluation", "hessian"),
+    ("evaluation", "hessian", "refusals"),
     ("_drawing", "_opengl", "_stage", "rendering"),
 )
 """From the ground up: a module imports from lower layers, or from its own layer as long as there is no circle.

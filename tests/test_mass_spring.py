@@ -17,6 +17,7 @@ from scipy import integrate
 
 import openmm_filament as of
 from systems import __main__ as command
+from systems import mass_spring
 from systems.mass_spring import chain as chains
 from systems.mass_spring import continuum, energy, table
 from systems.mass_spring.chain import Chain
@@ -25,7 +26,7 @@ from systems.mass_spring.chain import Chain
 @pytest.fixture(scope="module")
 def measured() -> table.Measured:
     chain = Chain(4)
-    return table.measure(chain, 0.2, timestep=0.006 / chain.cutoff)
+    return table.measure(chain, 0.2, timestep=mass_spring.timestep_of(chain), order=4)
 
 
 @pytest.fixture(scope="module")
@@ -242,8 +243,6 @@ def test_bad_starts_and_steps_are_refused() -> None:
 
 
 def test_options_are_parsed_with_defaults_that_run() -> None:
-    from systems import mass_spring
-
     parser = argparse.ArgumentParser()
     mass_spring.options(parser.add_argument_group("options"))
     given = parser.parse_args([])

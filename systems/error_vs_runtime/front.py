@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.error_vs_runtime.settings import Order, Outcome, Study
+from systems.error_vs_runtime.settings import Order, Outcome
 
-__all__ = ["Fit", "cheapest", "fitted", "pareto", "power_law", "thermal_time_to", "time_to"]
+__all__ = ["Fit", "fitted", "pareto", "power_law", "thermal_time_to", "time_to"]
 
 Array = NDArray[np.float64]
 
@@ -95,9 +95,3 @@ def fitted(order: Order, outcomes: Sequence[Outcome]) -> Fit:
     y = np.array([o.error for o in chosen])
     clear = y > order.floor
     return power_law(x[clear], y[clear])
-
-
-def cheapest(study: Study, wanted: float) -> Outcome | None:
-    """The admitted setting that meets an error in the shortest (median) time; None without one."""
-    good = [o for o in study.outcomes if o.results and o.error <= wanted and study.admitted(o.setting)]
-    return min(good, key=lambda o: o.seconds, default=None)

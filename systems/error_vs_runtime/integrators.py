@@ -9,14 +9,12 @@ from openmm import unit
 
 import openmm_filament as of
 from systems import stage
+from systems.fourth_order import fourth_order
 
 __all__ = ["INTEGRATORS", "available", "made", "opened"]
 
 INTEGRATORS = ("Verlet", "Euler-Cromer", "LangevinMiddle", "PEFRL")
 """Euler-Cromer is the thesis's; LangevinMiddle runs at 0 K; PEFRL is of fourth order, with four forces a step."""
-
-_XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
-"""Coefficients of Omelyan, Mryglod and Folk, Comput. Phys. Commun. 146, 188 (2002)."""
 
 
 def made(name: str, model: of.Model, timestep: float, damping: float) -> mm.Integrator:
@@ -34,20 +32,8 @@ def made(name: str, model: of.Model, timestep: float, damping: float) -> mm.Inte
     if name == "LangevinMiddle":
         return stage.alike(model, timestep, damping)
     if name == "PEFRL":
-        return _fourth_order(of.verlet(model, timestep=quantity).getStepSize())
+        return fourth_order(of.verlet(model, timestep=quantity).getStepSize())
     raise ValueError(f"Argument `name` must be one of {INTEGRATORS}, but is {name}.")
-
-
-def _fourth_order(step: unit.Quantity) -> mm.CustomIntegrator:
-    integrator = mm.CustomIntegrator(step)
-    integrator.addUpdateContextState()
-    drifts = (_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI)
-    kicks = (0.5 - _LAMBDA, _LAMBDA, _LAMBDA, 0.5 - _LAMBDA)
-    for i, drift in enumerate(drifts):
-        integrator.addComputePerDof("x", f"x+{drift!r}*dt*v")
-        if i < len(kicks):
-            integrator.addComputePerDof("v", f"v+{kicks[i]!r}*dt*f/m")
-    return integrator
 
 
 def opened(model: of.Model, integrator: mm.Integrator, platform: str, precision: str) -> mm.Context:

@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from systems.error_vs_runtime.front import cheapest, fitted, thermal_time_to
+from systems.error_vs_runtime.front import fitted, thermal_time_to
 from systems.error_vs_runtime.settings import Outcome, Study
 from systems.error_vs_runtime.sweeps import growth as growing
 from systems.error_vs_runtime.sweeps.growth import Growth, Row
 from systems.scene import Check
 
-__all__ = ["checks", "default_of", "findings", "growth_checks", "growth_findings", "recommended"]
+__all__ = [
+    "cheapest", "checks", "default_of", "findings", "growth_checks", "growth_findings", "margin", "recommended",
+]  # fmt: skip
 
 ORDER = 0.2
 """By how much a measured order of convergence may differ from theory, for those that have noise two standard errors more."""
 
-ALIKE = 1.25
-"""Ratio of wall times up to which two settings count as equally cheap: less than what a shared machine tells apart."""
+ALIKE, APART = 1.25, 2.0
+"""Ratios of wall times: up to the first two settings are equally cheap on any machine, above the second on none. Between
+them it is a matter of the spread of the runs."""
 
 
 def default_of(study: Study) -> Outcome | None:
@@ -33,20 +36,39 @@ def _cost(study: Study, outcome: Outcome) -> float:
     return thermal_time_to(outcome.seconds, outcome.scatter, study.known(outcome.setting), study.stated)
 
 
-def recommended(study: Study) -> Outcome | None:
-    """The cheapest setting that meets what the system states; its default where that is as cheap within timing noise."""
+def _spread(outcome: Outcome) -> tuple[float, float]:
+    """By what factors the cost may be lower and higher: the spread of its wall times, one standard error of a scatter's square."""
+    low, high = outcome.spread
+    noise = math.sqrt(2 / (len(outcome.deviations) - 1)) if len(outcome.deviations) > 1 else 0.0
+    return outcome.seconds / low * (1 + noise), high / outcome.seconds * (1 + noise)
+
+
+def cheapest(study: Study) -> Outcome | None:
+    """The admitted setting that meets what the system states in the shortest time; None without one, or where it states none."""
     if study.stated is None:
         return None
-    if study.known is None:
-        best = cheapest(study, study.stated)
-    else:
-        alike = [o for o in study.outcomes if study.admitted(o.setting)]
-        good = [o for o in alike if o.results and math.isfinite(_cost(study, o))]
-        best = min(good, key=lambda o: _cost(study, o), default=None)
-    default = default_of(study)
-    if best is not None and default is not None and _cost(study, default) <= ALIKE * _cost(study, best):
-        return default
-    return best
+    good = [o for o in study.outcomes if o.results and study.admitted(o.setting) and math.isfinite(_cost(study, o))]
+    return min(good, key=lambda o: _cost(study, o), default=None)
+
+
+def margin(study: Study) -> tuple[float, float]:
+    """The default's time over the cheapest setting's, and the ratio up to which they are equal within their spread.
+
+    Infinite where the default does not meet what is stated.
+    """
+    default, best = default_of(study), cheapest(study)
+    if default is None or best is None:
+        return math.inf, ALIKE
+    band = _spread(default)[0] * _spread(best)[1] if default is not best else 1.0
+    return _cost(study, default) / _cost(study, best), min(max(band, ALIKE), APART)
+
+
+def recommended(study: Study) -> Outcome | None:
+    """The default where nothing is cheaper by more than the spread; else the cheapest setting that meets what is stated."""
+    if study.stated is None:
+        return None
+    ratio, band = margin(study)
+    return default_of(study) if ratio <= band else cheapest(study)
 
 
 def checks(studies: Sequence[Study]) -> list[Check]:
@@ -66,6 +88,9 @@ def checks(studies: Sequence[Study]) -> list[Check]:
             error = math.inf if one is None else _reached(study, one)
             name = f"{study.system}, {study.question}: error of the {what} setting against the one stated"
             out.append(Check(name, "exact", error, 0.0, error, study.stated))
+        ratio, band = margin(study)
+        name = f"{study.system}, {study.question}: the default is recommended, its time over the cheapest setting's"
+        out.append(Check(name, "claim", ratio, 1.0, ratio - 1, band - 1))
     return out
 
 
@@ -78,19 +103,22 @@ def findings(studies: Sequence[Study]) -> list[str]:
     """Defaults beside the cheapest settings, which integrator and form pay, and what did not run."""
     out = []
     for study in studies:
-        default, best = default_of(study), recommended(study)
+        default, best = default_of(study), cheapest(study)
         if study.stated is not None and default is not None and best is not None:
-            times = _cost(study, default), _cost(study, best)
-            head = f"{study.system}, {study.question}: {study.stated:.2g} is stated; the default ({default.setting.label}) "
+            ratio, band = margin(study)
+            there = f"gets there in {_cost(study, default):.2g} s" if math.isfinite(ratio) else "does not get there"
+            head = (
+                f"{study.system}, {study.question}: {study.stated:.2g} is stated; the default ({default.setting.label}) {there}, "
+                f"with an error of {_reached(study, default):.2g}"
+            )
+            other = f"{best.setting.label} in {_cost(study, best):.2g} s with {_reached(study, best):.2g}"
             if default is best:
-                out.append(
-                    f"{head}gets there in {times[0]:.2g} s, and nothing that was tried is cheaper by more than noise."
-                )
+                out.append(f"{head}, and nothing that was tried is cheaper.")
             else:
-                out.append(
-                    f"{head}takes {times[0]:.2g} s with an error of {default.error:.2g}; {best.setting.label} gets there in "
-                    f"{times[1]:.2g} s with {best.error:.2g}, {times[0] / times[1]:.2g} times as fast."
+                within = (
+                    "no more than the spread of the runs" if ratio <= band else "and the default is not recommended"
                 )
+                out.append(f"{head}, {other}, {ratio:.2g} times as fast: {within}.")
         failed = [o for o in study.outcomes if not o.results]
         out += [f"{study.system}, {study.question}: {o.setting.label} did not run: {o.failure}" for o in failed]
     return [*out, *_bending(studies), *_thermal(studies)]

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Order", "Outcome", "Result", "Setting", "Study", "measured"]
+__all__ = ["Order", "Outcome", "Result", "Setting", "Study"]
 
 Array = NDArray[np.float64]
 
@@ -166,8 +166,8 @@ class Study:
         What the system uses.
     stated : float, optional
         The error that the system states for it.
-    share : float
-        Expected part of the time of all studies, for progress.
+    seconds : float
+        What one run of every setting is expected to take on one core, all in all.
     known : callable, optional
         The bias of a thermal setting that is known beforehand.
     admitted : callable
@@ -182,7 +182,7 @@ class Study:
     orders: Sequence[Order] = ()
     default: Setting | None = None
     stated: float | None = None
-    share: float = 1.0
+    seconds: float = 1.0
     known: Callable[[Setting], float] | None = None
     admitted: Callable[[Setting], bool] = lambda setting: True
     outcomes: Sequence[Outcome] = field(default_factory=tuple)
@@ -191,32 +191,3 @@ class Study:
     def thermal(self) -> bool:
         """Whether the error has scatter."""
         return self.known is not None
-
-
-def measured(study: Study, repeats: int, seed: int, progress: Callable[[float], None]) -> list[Outcome]:
-    """Run every setting `repeats` times, in turns, so that what else the machine does falls on all of them.
-
-    A setting that cannot run - a step that diverges, a platform that refuses - is kept with the reason.
-    """
-    found: dict[Setting, list[Result]] = {setting: [] for setting in study.settings}
-    failures: dict[Setting, str] = {}
-    total = repeats * len(found)
-    for repeat in range(repeats):
-        for i, setting in enumerate(found):
-            if setting not in failures:
-                try:
-                    result = study.measure(setting, seed + 1000 * repeat + i)
-                except (ValueError, ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
-                    failures[setting] = _reason(error)
-                except Exception as error:
-                    if type(error).__name__ not in {"OpenMMException", "DivergedError"}:
-                        raise
-                    failures[setting] = _reason(error)
-                else:
-                    found[setting].append(result)
-            progress((repeat * len(found) + i + 1) / total)
-    return [Outcome(s, () if s in failures else tuple(r), failures.get(s, "")) for s, r in found.items()]
-
-
-def _reason(error: Exception) -> str:
-    return str(error).splitlines()[0][:200] if str(error) else type(error).__name__

@@ -23,8 +23,8 @@ from systems.scene import Check, Summary
 
 __all__ = ["options", "run"]
 
-STIFFNESS_SEGMENTS = 80
-"""Segments of the chain that the small-load formulas are checked with; the thesis has 55."""
+STIFFNESS_SEGMENTS = 64
+"""Segments of the chain that the small-load formulas are checked with: with the thesis's 55 the softest torsion is 1.2 % off."""
 
 STIFFNESS = 0.01
 """Of the small-load stiffness against the formula, relative."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import openmm as mm
@@ -24,6 +25,7 @@ from scipy import integrate
 
 import openmm_filament as of
 from openmm_filament import _checks as check
+from systems.fourth_order import fourth_order
 
 __all__ = [
     "LENGTH",
@@ -190,8 +192,10 @@ class Recording:
     across: Array
 
 
-def launch(chain: Chain, start: Array, timestep: float) -> mm.Context:
+def launch(chain: Chain, start: Array, timestep: float, *, order: Literal[2, 4] = 2) -> mm.Context:
     """A Context whose masses are about to be let go, with displacements `start` (N,) across the chain in units of l0.
+
+    They move by leapfrog, or of `order` 4 by PEFRL, four forces a step.
 
     It runs on the Reference platform, in double precision: across a straight chain single precision feels nothing this small.
 
@@ -205,15 +209,25 @@ def launch(chain: Chain, start: Array, timestep: float) -> mm.Context:
     positions = model.positions.value_in_unit(unit.nanometer).copy()
     positions[1:-1, 1] += moved * chain.spacing * 1e9 / model.scale.length
     integrator = of.verlet(model, timestep=float(check.positive("timestep", timestep, unit="s")) * unit.second)
+    if order == 4:
+        integrator = fourth_order(integrator.getStepSize())
     context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName("Reference"))
     context.setPositions(positions * unit.nanometer)
-    with warnings.catch_warnings():  # steps far below the limit are meant here
+    with warnings.catch_warnings():  # steps far below the limit are meant here, and PEFRL's are in the model's units
         warnings.filterwarnings("ignore", "The time step is .* of the stability limit")
         of.preflight(model, context)
     return context
 
 
-def play(chain: Chain, start: Array, seconds: float, *, timestep: float, interval: float | None = None) -> Recording:
+def play(
+    chain: Chain,
+    start: Array,
+    seconds: float,
+    *,
+    timestep: float,
+    interval: float | None = None,
+    order: Literal[2, 4] = 2,
+) -> Recording:
     """Let the masses go from `start`, as `launch` does, and record their motion.
 
     Parameters
@@ -226,7 +240,7 @@ def play(chain: Chain, start: Array, seconds: float, *, timestep: float, interva
         Seconds between samples, to the next step; by default a third of the shortest period that such a chain can have.
     """
     check.positive("seconds", seconds, unit="s")
-    context = launch(chain, start, timestep)
+    context = launch(chain, start, timestep, order=order)
     every = max(1, int((2 * np.pi / chain.cutoff / 3 if interval is None else interval) / timestep))
     samples = int(np.ceil(seconds / (every * timestep)))
     to_spacings = 1 / (chain.spacing * 1e9)

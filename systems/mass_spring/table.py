@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,11 +69,13 @@ class Measured:
     recording: Recording
 
 
-def measure(chain: Chain, seconds: float, *, timestep: float, amplitude: float = AMPLITUDE) -> Measured:
+def measure(
+    chain: Chain, seconds: float, *, timestep: float, amplitude: float = AMPLITUDE, order: Literal[2, 4] = 2
+) -> Measured:
     """The lines of a chain whose first mass is moved aside by `amplitude` l0 and let go, which sets all modes in motion.
 
     The lines are found in the spectrum, without a guess, and refined by a fit of steady sinusoids that all masses share,
-    whose amplitudes are the shapes.
+    whose amplitudes are the shapes. `order` is that of the integrator, as in `launch`.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def measure(chain: Chain, seconds: float, *, timestep: float, amplitude: float =
     refuse_short(chain, seconds)
     start = np.zeros(chain.masses)
     start[0] = amplitude
-    recording = play(chain, start, seconds, timestep=timestep)
+    recording = play(chain, start, seconds, timestep=timestep, order=order)
     guess = lines(recording.across, recording.interval, count=chain.masses).frequencies
     fit = damped_sinusoids(recording.across, recording.interval, guess, damped=False)
     return Measured(chain, fit.frequencies, fit.frequency_errors, _shapes(fit.amplitudes, chain.shapes), recording)

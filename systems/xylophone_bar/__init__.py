@@ -23,15 +23,21 @@ from systems import stage
 from systems.scene import Check, Summary
 from systems.xylophone_bar import bar, energy, figures, judgement
 
-__all__ = ["options", "run", "step_of"]
+__all__ = ["STEP", "options", "run"]
 
 Array = NDArray[np.float64]
 
 FULL, QUICK = {"tense": 201, "free": 199}, {"tense": 60, "free": 60}
 """Segments of the bars whose lines are read: 200 beads that move, or with `--quick` fewer."""
 
+STEP = 0.8
+"""Time step over the stability limit, at most: the fifth line of 60 segments is then 4e-5 high."""
+
 COARSE, COARSE_QUICK = (30, 60, 120), (30, 45, 60)
 """Segments of the free bars from which its lines are extrapolated."""
+
+COARSE_STEP = 0.25
+"""Their time step over the limit: fewer segments have a longer one, and to extrapolate makes errors up to three times larger."""
 
 DURATION, INTERVAL = 5e-3, 2.5e-6
 """Length of a recording and time between its samples, in s."""
@@ -58,17 +64,12 @@ def options(group: argparse._ArgumentGroup) -> None:
     """The system has no options of its own."""
 
 
-def step_of(segments: int) -> float:
-    """Time step over the stability limit, at most, of a bar whose lines are read."""
-    return 0.8 if segments > 100 else 0.25
-
-
-def struck(kind: str, segments: int, *, tension: float = bar.TENSION) -> judgement.Struck:
-    """Strike a bar and read its lines."""
+def struck(kind: str, segments: int, *, tension: float = bar.TENSION, step: float = STEP) -> judgement.Struck:
+    """Strike a bar and read its lines; `step` is the time step over the stability limit, at most."""
     model = bar.tense(segments, tension) if kind == "tense" else bar.free(segments)
     near = bar.discrete_tense(LINES, segments, tension) if kind == "tense" else bar.discrete_free(LINES, segments)
     velocities = bar.strike(model, PLACES[kind], rise=RISES[kind])
-    ring = bar.ring_out(model, velocities, DURATION, INTERVAL, lowest=near[0], step=step_of(segments))
+    ring = bar.ring_out(model, velocities, DURATION, INTERVAL, lowest=near[0], step=step)
     x = ring.transverse
     columns = np.unique((np.arange(1, 14) * GOLDEN % 1 * x.shape[1]).astype(int))
     fit = bar.fitted(x[:, columns], INTERVAL, near)
@@ -96,9 +97,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         for i, kind in enumerate(("tense", "free")):
             bars[kind] = struck(kind, segments[kind])
             report(0.2 * (i + 1))
-        coarse = {
-            n: bars["free"] if n == segments["free"] else struck("free", n) for n in (COARSE_QUICK if quick else COARSE)
-        }
+        coarse = {n: struck("free", n, step=COARSE_STEP) for n in (COARSE_QUICK if quick else COARSE)}
         report(0.6)
         other = struck("tense", QUICK["tense"], tension=judgement.OTHER_TENSION)
         steady = energy.steadiness(32 if quick else 60, 50_000 if quick else 200_000)

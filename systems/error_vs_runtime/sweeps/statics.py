@@ -30,8 +30,8 @@ NEWTON, MINIMISER, DAMPED, HESSIAN = "Newton (of.equilibrium)", "L-BFGS (OpenMM)
 _REDUCED = 0.1
 """`F l0/alpha` on the planar chain: large motion, and one minimum."""
 
-SHEAR = 1e9
-"""Of the helix in Pa: G = E."""
+SHEAR = min(coil.SHEAR)
+"""Of the helix in Pa: the softest torsion of its system, which needs the most segments."""
 
 
 def _minimised(model: of.Model, tolerance: float) -> tuple[Array, float]:
@@ -93,7 +93,7 @@ def planar_studies(*, quick: bool) -> list[Study]:
             "planar_force_extension", "extension without temperature", "minimum in headings (SciPy)", _planar,
             [Setting(chain.SEGMENTS, method=NEWTON, effort=s) for s in stages]
             + [Setting(chain.SEGMENTS, method=MINIMISER, effort=t) for t in tolerances],
-            (), default, report.HEADINGS, share=2.0,
+            (), default, report.HEADINGS, seconds=1.5 if quick else 4.0,
         )
     ]  # fmt: skip
 
@@ -123,15 +123,15 @@ def _helix(setting: Setting, seed: int) -> Result:
 def helix_studies(*, quick: bool) -> list[Study]:
     """The small-load stiffness of the helix by segments."""
     default = Setting(helix_force_extension.STIFFNESS_SEGMENTS, method=NEWTON)
-    sizes = (15, 20, 28, 40, 80) if quick else (15, 20, 28, 40, 55, 80, 112, 160)
+    sizes = (20, 28, 40, default.segments) if quick else (15, 20, 28, 40, default.segments, 80, 112)
     tolerances = (1e-3,) if quick else (1e-1, 1e-2, 1e-3, 1e-4)
     settings = [Setting(n, method=NEWTON) for n in sizes]
     return [
         Study(
-            "helix_force_extension", "small-load stiffness", "helix formula", _helix,
+            "helix_force_extension", f"small-load stiffness, G/E = {SHEAR / coil.YOUNG:g}", "helix formula", _helix,
             settings + [Setting(20 if quick else 40, method=MINIMISER, effort=t) for t in tolerances],
             [Order("segments", "segments", -2.0, lambda s: s.method == NEWTON and s.segments >= 28)],
-            default, helix_force_extension.STIFFNESS, share=3.0,
+            default, helix_force_extension.STIFFNESS, seconds=3.0 if quick else 20.0,
         )
     ]  # fmt: skip
 
@@ -146,7 +146,7 @@ def _ring_swing(setting: Setting, seed: int) -> Result:
     del seed
     body, force = ring.thesis_ring(gap=True), _ring_force()
     begun = time.perf_counter()
-    motion = ring.swing(body, force, math.pi / 4, samples=open_ring.FULL[0], step=setting.step)
+    motion = ring.swing(body, force, math.pi / 4, samples=open_ring.SAMPLES, step=setting.step)
     return Result(time.perf_counter() - begun, np.array([motion.imbalance]))
 
 
@@ -182,28 +182,29 @@ def _ring_statics(setting: Setting, seed: int) -> Result:
 def ring_studies(*, quick: bool) -> list[Study]:
     """The ring's motion under a small load, and its compliance by segments."""
     beads = ring.BEADS - 1
-    default = Setting(beads, open_ring.FULL[1])
-    steps = (0.4, 0.1) if quick else (0.8, 0.4, 0.2, 0.1, 0.05)
+    default = Setting(beads, open_ring.STEP)
+    steps = (0.8, 0.4, 0.2) if quick else (0.8, 0.4, 0.2, 0.1, 0.05)
     shorter = (0.8, 0.4, 0.2) if quick else (0.8, 0.4, 0.2, 0.1)
     scene = Scene(lambda s: of.build(ring.thesis_ring(gap=True).filament), _ring_begin, _ring_lines, 2e-3, 0)
-    lines = [Setting(beads, step, name) for name in ("Verlet", "Euler-Cromer", "PEFRL") for step in shorter]
+    lines = [Setting(beads, step, name) for name in ("Verlet", "Euler-Cromer") for step in shorter]
+    lines += [Setting(beads, step, "PEFRL") for step in shorter[:2]]
     sizes = (6, 12, 24, 48, 96) if quick else (6, 12, 24, 48, 96, 192)
     slow = (12, 16) if quick else (12, 16, 24)
     return [
         Study(
             "open_ring", "energy balance of the pull at 45 degrees", "energy kept", _ring_swing,
             [Setting(beads, step) for step in steps],
-            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], default, judgement.BALANCE, share=2.0,
+            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], default, judgement.BALANCE, seconds=1.0 if quick else 3.0,
         ),
         Study(
             "open_ring", "four lowest lines", "modes of its strains", partial(measure, scene),
             [*lines, Setting(beads, 0.8, platform="CPU")],
-            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], share=1.0,
+            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], seconds=2.0 if quick else 4.0,
         ),
         Study(
             "open_ring", "radial compliance", "cut ring", _ring_statics,
             [Setting(n, method=HESSIAN) for n in sizes] + [Setting(n, method=DAMPED) for n in slow],
-            [Order("segments", "segments", -2.0, partial(_by, HESSIAN))], share=3.0,
+            [Order("segments", "segments", -2.0, partial(_by, HESSIAN))], seconds=0.5 if quick else 2.0,
         ),
     ]  # fmt: skip
 
