@@ -12,7 +12,6 @@ import numpy as np
 import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
-from scipy.spatial import cKDTree
 
 from openmm_filament import _checks as check
 from openmm_filament import units
@@ -136,6 +135,8 @@ class Crowd(Interaction):
         members, p = self.beads[:, 0], self.parameters
         if not len(members):
             return Interaction(Overlap, np.empty((0, 2), dtype=np.int64), {"k": np.empty(0), "d": np.empty(0)})
+        from scipy.spatial import cKDTree  # takes as long to load as the rest of the package
+
         tree = cKDTree(positions[members])
         i, j = tree.query_pairs(float(p["d"].max()), output_type="ndarray").T
         pairs = np.sort(np.stack([members[i], members[j]], axis=1), axis=1).astype(np.int64)

@@ -11,7 +11,6 @@ import numpy as np
 import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
-from scipy.optimize import minimize
 
 from openmm_filament import contact, traps, units
 from openmm_filament.geometry import chain_indices
@@ -96,6 +95,8 @@ def crossing_energy(spacing: float, diameter: float, stiffness: float, stretchin
         return 0.0
     if not spacing:
         return stiffness * diameter**2 / 2
+    from scipy.optimize import minimize
+
     number = np.arange(-_REACH, _REACH + 2)
 
     def energy(where: Array) -> float:

@@ -79,7 +79,7 @@ def _highest_squared(model: Model, positions: Array, *, with_contact: bool) -> f
     if model.planar and np.ptp(positions[:, 2]) > 1e-9 * np.ptp(positions):
         free[:, 2] = free[:, 0]  # a shape out of the plane may turn into it: then what is stiff in z will count
     degrees = int(free.sum())
-    if not acting and degrees:
+    if not acting and degrees and model.interactions:
         return 0.0
     if not degrees or not any(len(interaction.beads) for interaction in acting):
         raise ValueError(
