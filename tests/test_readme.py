@@ -13,10 +13,10 @@ SCRIPTS = re.findall(r"```python\n(.*?)```", README.read_text(), re.S)
 
 
 def test_the_readme_holds_scripts():
-    assert len(SCRIPTS) == 5
+    assert len(SCRIPTS) == 6
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=["md", "curve", "string", "pull", "fits"])
+@pytest.mark.parametrize("script", SCRIPTS, ids=["md", "curve", "string", "pull", "contact", "fits"])
 def test_a_script_of_the_readme_runs_as_printed(script, tmp_path):
     run = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", "-c", script],
