@@ -19,10 +19,11 @@ from openmm import app, unit
 
 from openmm_filament import _checks as check
 from openmm_filament import contact, traps, units
-from openmm_filament._term import Interaction, Term
+from openmm_filament._term import Interaction
+from openmm_filament.binding import bound_together, checked
 from openmm_filament.filament import Filament
 from openmm_filament.geometry import segments
-from openmm_filament.loads import Load, Loads, resolve
+from openmm_filament.loads import Loads
 
 __all__ = ["Model", "build"]
 
@@ -170,33 +171,14 @@ def build(filaments: Filament | Sequence[Filament], loads: Sequence[Any] = ()) -
     ValueError, TypeError
         For loads that do not match the filaments, an index out of range, and a held bead that is also pulled or trapped.
     """
-    single = isinstance(filaments, Filament)
-    chains: tuple[Any, ...] = (filaments,) if single else tuple(filaments) if isinstance(filaments, Sequence) else ()
-    if not chains or not all(isinstance(chain, Filament) for chain in chains):
-        raise TypeError(f"Argument `filaments` must be a Filament or a sequence of them, but is {filaments!r}.")
-    if isinstance(loads, Load):
-        name = type(loads).__name__
-        raise TypeError(f"Argument `loads` must be a sequence of loads, but is one {name}: write [{name}(...)].")
-    if not isinstance(loads, Sequence):
-        raise TypeError(f"Argument `loads` must be a sequence, such as [Hold(0)], but is {loads!r}.")
-    given = (loads,) if single else tuple(loads) if len(loads) else ((),) * len(chains)
-    if any(isinstance(entry, Load) for entry in given):
-        raise TypeError(
-            f"Argument `loads` must hold one sequence of loads per filament, {len(chains)}, but holds a bare load: write "
-            "[[Hold(0)], [Hold(0)], ...]."
-        )
-    if len(given) != len(chains):
-        raise ValueError(
-            f"Argument `loads` must hold one sequence of loads per filament, {len(chains)}, but holds {len(given)}."
-        )
-    resolved = tuple(resolve(entry, len(chain)) for entry, chain in zip(given, chains, strict=True))
+    chains, resolved = checked(filaments, loads)
     if len(planes := {entry.plane for entry in resolved}) > 1:
         raise ValueError(
             "Argument `loads` must put all filaments in the plane or none, but some have Plane() and some not."
         )
 
     with _collector_paused():
-        bound = _bind(chains, resolved)
+        bound = bound_together(chains, resolved)
         rest = np.concatenate([units.numbers("rest", chain.rest, "length") for chain in chains])
         scale = _choose_scale(chains, rest, bound)
         interactions = tuple(interaction.scaled(scale) for interaction in bound)
@@ -249,18 +231,6 @@ def _collector_paused() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.enable()
-
-
-def _bind(chains: Sequence[Filament], loads: Sequence[Loads]) -> list[Interaction]:
-    """The terms of all filaments, those of one class joined into one interaction, in nm and kJ/mol."""
-    parts: dict[type[Term], list[Interaction]] = {}
-    start = 0
-    for chain, load in zip(chains, loads, strict=True):
-        own = load.tightened(chain.interactions(), chain.rest._value)
-        for interaction in [*own, load.traps] if len(load.traps.beads) else own:
-            parts.setdefault(interaction.term, []).append(interaction.shifted(start))
-        start += len(chain)
-    return [group[0].joined(group) for group in parts.values()]
 
 
 def _choose_scale(chains: Sequence[Filament], rest: Array, bound: Sequence[Interaction]) -> units.Scale:

@@ -13,43 +13,55 @@ from numpy.typing import NDArray
 
 from openmm_filament import _checks as check
 from openmm_filament import bending, stretching, torsion, units
+from openmm_filament.binding import bound_together, checked
 from openmm_filament.filament import Filament
 from openmm_filament.geometry import cross, dot, segments, unit_vectors
-from openmm_filament.loads import Load, resolve
 
 __all__ = ["energies", "forces", "thesis_forces"]
 
 Array = NDArray[np.float64]
 
 
-def _positions(filament: Filament, positions: Any) -> Array:
-    return check.finite(
-        "positions", check.shape("positions", units.numbers("positions", positions, "length"), (len(filament), 3))
-    )
+Filaments = Filament | Sequence[Filament]
 
 
-def energies(filament: Filament, positions: Any, loads: Sequence[Load] = ()) -> dict[str, float]:
-    """Energies in kJ/mol by term: "stretching", "bending", "torsion", "electrostatics", "pull", "pluck" and "trap" where one acts.
+def energies(filaments: Filaments, positions: Any, loads: Sequence[Any] = ()) -> dict[str, float]:
+    """Energies in kJ/mol by term: "stretching", "bending", "torsion", "electrostatics", "contact", "pull", "pluck" and "trap".
 
-    `positions` is a Quantity (N, 3); a pluck counts as it does before it lets go. Terms of one family are summed under its name.
+    Of what acts there, for one filament or several and their loads, given as to `build`; `positions` is a Quantity (N, 3) of
+    all beads. A pluck counts as it does before it lets go. Terms of one family are summed under its name.
     """
-    x = _positions(filament, positions)
+    chains, resolved = checked(filaments, loads)
+    x = _positions(chains, positions)
     out: dict[str, float] = {}
-    outside = resolve(loads, len(filament))
-    for interaction in outside.tightened(filament.interactions(), filament.rest._value):
-        family = interaction.term.family
-        out[family] = out.get(family, 0.0) + interaction.energy(x)
-    return out | outside.energies(x)
+    for interaction in bound_together(chains, resolved):
+        if interaction.term.family != "trap":
+            family = interaction.term.family
+            out[family] = out.get(family, 0.0) + interaction.energy(x)
+    for load, part in zip(resolved, _split(chains, x), strict=True):
+        for name, energy in load.energies(part).items():
+            out[name] = out.get(name, 0.0) + energy
+    return out
 
 
-def forces(filament: Filament, positions: Any, loads: Sequence[Load] = ()) -> Array:
-    """Total forces (N, 3) in kJ/mol/nm on all beads, held ones included; `positions` is a Quantity (N, 3)."""
-    x = _positions(filament, positions)
-    outside = resolve(loads, len(filament))
-    total = outside.forces(x)
-    for interaction in outside.tightened(filament.interactions(), filament.rest._value):
-        total += interaction.forces(x)
+def forces(filaments: Filaments, positions: Any, loads: Sequence[Any] = ()) -> Array:
+    """Total forces (N, 3) in kJ/mol/nm on all beads, held ones included; arguments as those of `energies`."""
+    chains, resolved = checked(filaments, loads)
+    x = _positions(chains, positions)
+    total = np.concatenate([load.forces(part) for load, part in zip(resolved, _split(chains, x), strict=True)])
+    for interaction in bound_together(chains, resolved):
+        if interaction.term.family != "trap":
+            total += interaction.forces(x)
     return total
+
+
+def _positions(chains: Sequence[Filament], positions: Any) -> Array:
+    x = units.numbers("positions", positions, "length")
+    return check.finite("positions", check.shape("positions", x, (sum(map(len, chains)), 3)))
+
+
+def _split(chains: Sequence[Filament], x: Array) -> list[Array]:
+    return np.split(x, np.cumsum([len(chain) for chain in chains])[:-1])
 
 
 def thesis_forces(filament: Filament, positions: Any) -> dict[str, Array]:
@@ -62,7 +74,7 @@ def thesis_forces(filament: Filament, positions: Any) -> dict[str, Array]:
     """
     if filament.closed:
         raise ValueError("Argument `filament` must be open for the thesis's forces, but is closed.")
-    x = _positions(filament, positions)
+    x = _positions([filament], positions)
     out: dict[str, Array] = {}
     for interaction in filament.interactions():
         formula = {

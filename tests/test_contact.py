@@ -130,6 +130,30 @@ def test_a_filament_alone_repels_itself_in_the_reference_too() -> None:
     np.testing.assert_allclose(of.reference.forces(filament, x * NM), forces, atol=tol.ROUNDING * np.abs(forces).max())
 
 
+def test_several_filaments_and_their_loads_in_the_reference() -> None:
+    pair = crossed(0.5, apart=0.8)
+    trap, pull = of.loads.Trap(0, 5 * STIFF, (0, 0, 1) * NM), of.loads.Pull(3, (1, 2, 3) * KJ / NM)
+    loads = [[of.loads.Hold(-1), trap], [pull]]
+    model = of.build(pair, loads)
+    assert of.reference.energies(pair, model.positions, loads) == pytest.approx(
+        of.energies(model), rel=tol.OPENMM_ENERGIES
+    )
+    exact = of.reference.forces(pair, model.positions, loads)
+    np.testing.assert_allclose(of.forces(model)[:15], exact[:15], atol=tol.OPENMM_FORCES * np.abs(exact).max())
+    np.testing.assert_allclose(of.forces(model)[16:], exact[16:], atol=tol.OPENMM_FORCES * np.abs(exact).max())
+
+
+def test_rods_in_contact_have_the_diameter_of_their_section() -> None:
+    terms = of.rod_terms(
+        1e9 * unit.pascal, 4e8 * unit.pascal, 0.5 * unit.millimeter, 0.7 * unit.millimeter, contact=True
+    )
+    stretch, _, twist, touch = terms
+    assert isinstance(twist, of.torsion.Harmonic)
+    assert touch.diameter.value_in_unit(unit.millimeter) == pytest.approx(1.0)
+    assert touch.stiffness is not None
+    assert touch.stiffness.value_in_unit(stretch.stiffness.unit) == pytest.approx(stretch.stiffness._value)
+
+
 def test_the_same_in_metres() -> None:
     """A scaled model: energies and forces come back in physical units."""
     nano, macro = (

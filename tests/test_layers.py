@@ -55,6 +55,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("analysis.force_extension",),
     ("analysis",),
     ("sound",),
+    ("binding",),
     ("reference", "rods", "model"),
     ("evaluation", "hessian", "refusals"),
     ("_drawing", "_opengl", "_stage", "rendering"),
