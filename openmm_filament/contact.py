@@ -43,7 +43,7 @@ class Overlap(Term):
     @staticmethod
     def gradient(x: Array, p: Parameters) -> Array:
         depth, s, r = _depth(x, p)
-        g = (-p["k"] * depth / r)[:, None] * s
+        g = (-p["k"] * depth / np.where(r == 0, 1, r))[:, None] * s  # beads in one place have no direction
         return np.stack([-g, g], axis=1)
 
 

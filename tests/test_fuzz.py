@@ -18,11 +18,11 @@ from hypothesis import strategies as st
 from openmm import app, unit
 
 import openmm_filament as of
-from openmm_filament import bending, electrostatics, stretching, torsion
+from openmm_filament import bending, contact, electrostatics, stretching, torsion
 from openmm_filament.divergence import DivergedError
 from openmm_filament.inspection import PreflightError, PreflightWarning
 
-GRAMMAR = re.compile(r"(`[\w.]+` must|must (not |be |agree|exist)|diverged|heated up|is not finite)")
+GRAMMAR = re.compile(r"(`[\w.]+` must|must (not |be |agree|exist|stand|stay|move)|diverged|heated up|is not finite)")
 REFERENCE = mm.Platform.getPlatformByName("Reference")
 STEPS = 20
 
@@ -40,6 +40,7 @@ class Scene:
     bend: tuple[str, float] | None
     twist: tuple[str, float] | None
     charge: float | None
+    touch: tuple[float, float] | None
     mass: float
     spread: float
     amplitude: float
@@ -68,6 +69,9 @@ class Scene:
             )
         if self.charge is not None:
             terms.append(electrostatics.Neighbour(self.charge * unit.elementary_charge))
+        if self.touch is not None:
+            diameter, k = self.touch
+            terms.append(contact.Repulsion(diameter * self.scale * NM, k / self.scale**2 * KJ / NM**2))
         rng = np.random.default_rng(self.seed)
         masses = self.mass * self.spread ** rng.uniform(0, 1, len(rest))
         return of.Filament(rest * self.scale * NM, masses * unit.dalton, tuple(terms), closed=self.closed)
@@ -114,6 +118,7 @@ def scenes(draw: st.DrawFn) -> Scene:
         bend=draw(st.one_of(st.none(), st.tuples(forms, size))) if flawed or beads > 2 else None,
         twist=draw(st.one_of(st.none(), st.tuples(turning, size))) if flawed or beads > 3 else None,
         charge=draw(st.sampled_from([None, None, None, 0.3])),
+        touch=draw(st.one_of(st.none(), st.none(), st.tuples(st.floats(0.5, 3.0), size))),
         mass=draw(magnitudes(1e-2, 1e6)),
         spread=draw(st.sampled_from([1.0, 1.0, 1e3, 1e6])),
         amplitude=draw(st.one_of(st.just(0.0), magnitudes(1e-10, 1.0))),
