@@ -23,16 +23,15 @@ def made(name: str, model: of.Model, timestep: float, damping: float) -> mm.Inte
     Verlet and PEFRL know no damping. Raises ValueError for a step above the stability limit of leapfrog.
     """
     quantity = timestep * unit.second
-    if name == "Verlet":
+    if name in {"Verlet", "PEFRL"}:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # damped scenes are run without damping too
-            return of.verlet(model, timestep=quantity)
+            leapfrog = of.verlet(model, timestep=quantity)
+        return leapfrog if name == "Verlet" else fourth_order(leapfrog.getStepSize())
     if name == "Euler-Cromer":
         return of.euler_cromer(model, timestep=quantity)
     if name == "LangevinMiddle":
         return stage.alike(model, timestep, damping)
-    if name == "PEFRL":
-        return fourth_order(of.verlet(model, timestep=quantity).getStepSize())
     raise ValueError(f"Argument `name` must be one of {INTEGRATORS}, but is {name}.")
 
 

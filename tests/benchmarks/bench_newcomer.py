@@ -2,7 +2,7 @@
 
 The newcomer's chain has 10 segments a persistence length, `alpha = kT l_p/l0`, unit masses, CustomBondForce and
 CustomAngleForce, a straight start, OpenMM's own choice of a platform and the friction of its examples, 1/ps. The step is
-guessed: doubled from 1 fs as long as the chain holds, 50 fs after a step back (1 fs would take 50 times as long).
+guessed: 50 fs, half of what holds (1 fs, as in many examples, would take 50 times as long).
 
 Steps to the error follow from the autocorrelation of such a run on the Reference platform, which has the same statistics and
 lets the bench end in two minutes; its wall time is that of a step on each platform, timed in turns with the sampler.

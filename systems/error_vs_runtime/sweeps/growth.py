@@ -149,7 +149,7 @@ def _opened(beads: int) -> tuple[of.Model, mm.Context]:
 
 def expected(*, quick: bool) -> float:
     """Seconds that all measurements are expected to take."""
-    return 20.0 if quick else 150.0
+    return 20.0 if quick else 100.0
 
 
 def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:

@@ -101,13 +101,13 @@ def weighted_studies(*, quick: bool) -> list[Study]:
     return [
         Study(
             "weighted_string", "lines 1 to 20 of 210 segments", "exact discrete string", partial(measure, scene), settings,
-            (), default, stated, seconds=5.0 if quick else 15.0, admitted=is_damped,
+            (), default, stated, seconds=3.9 if quick else 14.0, admitted=is_damped,
         ),
         time_step_alone("weighted_string", weak),
         Study(
             "weighted_string", "lines 1 to 10 of the string", "continuous loaded string", partial(measure, body),
             [Setting(n, step, softer=soft_) for n in sizes for soft_, step in ((64.0, 0.2), (64.0, 0.8), (900.0, 0.9))],
             [Order("segments", "segments", -2.0, lambda s: s.step == 0.2 and s.segments >= 90, kind="claim")],
-            seconds=2.0 if quick else 10.0,
+            seconds=2.8 if quick else 11.0,
         ),
     ]  # fmt: skip

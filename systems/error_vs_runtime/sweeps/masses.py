@@ -64,11 +64,11 @@ def mass_spring_studies(*, quick: bool) -> list[Study]:
     return [
         Study(
             "mass_spring", "lines of 9 masses", "exact chain", partial(measure, scene), settings,
-            orders((*PLAIN, "PEFRL"), 1e-8, 0.45), default, digit, seconds=3.0 if quick else 10.0,
+            orders((*PLAIN, "PEFRL"), 1e-8, 0.45), default, digit, seconds=2.0 if quick else 3.0,
         ),
         Study(
             "mass_spring", "first line of a string", "continuous string", partial(measure, long),
             [Setting(n, step) for n in masses for step in (0.1, 0.4)],
-            [Order("masses", "segments", -1.0, lambda s: s.step == 0.1 and s.segments >= 15)], seconds=1.0 if quick else 5.0,
+            [Order("masses", "segments", -1.0, lambda s: s.step == 0.1 and s.segments >= 15)], seconds=0.8 if quick else 6.5,
         ),
     ]  # fmt: skip

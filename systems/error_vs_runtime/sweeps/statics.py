@@ -93,7 +93,7 @@ def planar_studies(*, quick: bool) -> list[Study]:
             "planar_force_extension", "extension without temperature", "minimum in headings (SciPy)", _planar,
             [Setting(chain.SEGMENTS, method=NEWTON, effort=s) for s in stages]
             + [Setting(chain.SEGMENTS, method=MINIMISER, effort=t) for t in tolerances],
-            (), default, report.HEADINGS, seconds=1.5 if quick else 4.0,
+            (), default, report.HEADINGS, seconds=1.4 if quick else 2.5,
         )
     ]  # fmt: skip
 
@@ -131,7 +131,7 @@ def helix_studies(*, quick: bool) -> list[Study]:
             "helix_force_extension", f"small-load stiffness, G/E = {SHEAR / coil.YOUNG:g}", "helix formula", _helix,
             settings + [Setting(20 if quick else 40, method=MINIMISER, effort=t) for t in tolerances],
             [Order("segments", "segments", -2.0, lambda s: s.method == NEWTON and s.segments >= 28)],
-            default, helix_force_extension.STIFFNESS, seconds=3.0 if quick else 20.0,
+            default, helix_force_extension.STIFFNESS, seconds=0.8 if quick else 6.5,
         )
     ]  # fmt: skip
 
@@ -194,17 +194,17 @@ def ring_studies(*, quick: bool) -> list[Study]:
         Study(
             "open_ring", "energy balance of the pull at 45 degrees", "energy kept", _ring_swing,
             [Setting(beads, step) for step in steps],
-            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], default, judgement.BALANCE, seconds=1.0 if quick else 3.0,
+            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], default, judgement.BALANCE, seconds=0.8 if quick else 3.0,
         ),
         Study(
             "open_ring", "four lowest lines", "modes of its strains", partial(measure, scene),
             [*lines, Setting(beads, 0.8, platform="CPU")],
-            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], seconds=2.0 if quick else 4.0,
+            [Order("Verlet, time step", "step", 2.0, _verlet, 1e-8)], seconds=1.5 if quick else 2.0,
         ),
         Study(
             "open_ring", "radial compliance", "cut ring", _ring_statics,
             [Setting(n, method=HESSIAN) for n in sizes] + [Setting(n, method=DAMPED) for n in slow],
-            [Order("segments", "segments", -2.0, partial(_by, HESSIAN))], seconds=0.5 if quick else 2.0,
+            [Order("segments", "segments", -2.0, partial(_by, HESSIAN))], seconds=0.4 if quick else 0.5,
         ),
     ]  # fmt: skip
 

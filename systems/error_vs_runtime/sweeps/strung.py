@@ -82,7 +82,7 @@ def time_step_alone(system: str, scene: Scene) -> Study:
     return Study(
         system, f"time step alone, {ORDER_SEGMENTS} segments", "exact discrete string", partial(measure, scene),
         integrators_at(ORDER_SEGMENTS, ORDER_STEPS, DAMPED, softer=strings.SOFTER, form="arctangent"),
-        orders(DAMPED, 1e-7), seconds=1.5,
+        orders(DAMPED, 1e-7), seconds=2.2,
     )  # fmt: skip
 
 
@@ -107,12 +107,12 @@ def guitar_studies(*, quick: bool) -> list[Study]:
     return [
         Study(
             "guitar_string", "lines 1 to 20 of 200 beads", "exact discrete string", partial(measure, scene), settings,
-            (), default, report.LINE, seconds=6.0 if quick else 20.0, admitted=is_damped,
+            (), default, report.LINE, seconds=3.8 if quick else 23.0, admitted=is_damped,
         ),
         time_step_alone("guitar_string", weak),
         Study(
             "guitar_string", "lines 1 to 10 of the string", "stiff string (2.11)", partial(measure, body),
             [Setting(n, step, softer=soft_) for n in sizes for soft_, step in ((64.0, 0.2), (64.0, 0.8), (900.0, 0.9))],
-            [Order("segments", "segments", -2.0, lambda s: s.step == 0.2)], seconds=1.5 if quick else 6.0,
+            [Order("segments", "segments", -2.0, lambda s: s.step == 0.2)], seconds=1.4 if quick else 5.5,
         ),
     ]  # fmt: skip

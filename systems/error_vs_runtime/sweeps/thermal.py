@@ -161,8 +161,8 @@ def _chosen(which: int, effort: float) -> Setting:
 def dna_studies(*, quick: bool) -> list[Study]:
     """The DNA at a small and at a middling force, by segments and length of the runs; the time step by itself."""
     out = []
-    efforts = (3.0, 9.0) if quick else (6.0, 18.0, 54.0)
-    for which, others, seconds in ((1, (12, 32), 3.0), (5, (36, 72), 4.5)):
+    efforts = (3.0, 9.0) if quick else (5.0, 15.0, 45.0)
+    for which, others, seconds in ((1, (12, 32), (2.5, 10.0)), (5, (36, 72), (4.7, 39.0))):
         default = _chosen(which, efforts[-1])
         cuts = [default, *(replace(default, segments=n) for n in others)]
         settings = [replace(s, effort=e) for s in cuts for e in efforts]
@@ -177,7 +177,7 @@ def dna_studies(*, quick: bool) -> list[Study]:
                 partial(_pull, discrete=False), settings,
                 [Order("scatter, length of the run", "effort", -0.5, partial(_alike, default), kind="claim")],
                 default, float(dna.wanted_errors(None, quick=False)[which]),
-                seconds if quick else 10 * seconds, partial(_envelope, cuts),
+                seconds[not quick], partial(_envelope, cuts),
                 partial(_as_long, default),
             )
         )  # fmt: skip
@@ -188,7 +188,7 @@ def dna_studies(*, quick: bool) -> list[Study]:
                 "dna_force_extension", f"time step alone, {small.segments} segments", "exact discrete chain",
                 partial(_pull, discrete=True), [replace(small, step=step) for step in (0.55, 0.75, 0.95)],
                 [Order("bias of LangevinMiddle, time step", "step", 2.0, lambda s: True, kind="claim")],
-                seconds=40.0, known=_of_step,
+                seconds=8.0, known=_of_step,
             )
         )  # fmt: skip
     return out
@@ -228,7 +228,7 @@ def helix_studies(*, quick: bool) -> list[Study]:
     return [
         Study(
             "helix_force_extension", f"tangent correlation {SEPARATION} apart", "product of mean rotations", _helix, settings,
-            [order], default, None, 5.0 if quick else 25.0, lambda s: 0.0,
+            [order], default, None, 3.0 if quick else 19.0, lambda s: 0.0,
         )
     ]  # fmt: skip
 
@@ -254,6 +254,6 @@ def planar_studies(*, quick: bool) -> list[Study]:
     return [
         Study(
             "planar_force_extension", "extension at k_BT = alpha", "exact discrete chain in the plane", _planar, settings,
-            [order], seconds=3.0 if quick else 12.0, known=lambda s: 0.0,
+            [order], seconds=3.4 if quick else 13.5, known=lambda s: 0.0,
         )
     ]  # fmt: skip
