@@ -66,6 +66,8 @@ class Checkpoint:
             raise FileNotFoundError(f"Argument `checkpoint` must lie in a folder that exists, but {path} does not.")
         if self.path.is_dir():
             raise IsADirectoryError(f"Argument `checkpoint` must name a file, but {path} is a folder.")
+        if self.path.exists() and not self.path.is_file():
+            raise check.fail("checkpoint", "name a file", f"{path}, which is a device")
         try:
             self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
         except OSError as error:

@@ -99,6 +99,8 @@ class Filament:
                 raise ValueError(
                     f"Argument `rest` must have at least {needed} beads for {_name(term)}, but has {beads}."
                 )
+        if sum(term.family == "contact" for term in terms) > 1:
+            raise ValueError("Argument `terms` must hold one contact.Repulsion at most, but holds several.")
         if beads < 1:
             raise ValueError("Argument `rest` must have at least one bead, but has 0.")
         return terms

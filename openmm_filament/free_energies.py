@@ -66,6 +66,8 @@ def free_energy(ramp: xarray.Dataset) -> FreeEnergy:
 
     Arguments of other kinds, warnings and the package that is needed: see `free_energy_of_works`.
     """
+    if not hasattr(ramp, "data_vars"):
+        raise TypeError(f"Argument `ramp` must be a dataset of `ramp`, but is {ramp!r}.")
     if "work" not in ramp:
         raise ValueError(
             f"Argument `ramp` must be a dataset of `ramp`, with its work, but has {[str(name) for name in ramp.data_vars]}."

@@ -145,6 +145,17 @@ def calm(integrator: Any, model: Model) -> None:
     """
     if not needs_calm(model):
         return
+    if model.planar:  # the CustomIntegrator of `_planar_langevin`
+        mild = [integrator.getGlobalVariableByName(name) for name in ("keep", "noise")]
+        strong = (
+            math.exp(-CALM[0]),
+            math.sqrt(-math.expm1(-2 * CALM[0]) * integrator.getGlobalVariableByName(_THERMAL_ENERGY)),
+        )
+        for values, steps in ((strong, CALM[1]), (mild, 0)):
+            for name, value in zip(("keep", "noise"), values, strict=True):
+                integrator.setGlobalVariableByName(name, value)
+            integrator.step(steps)
+        return
     friction = integrator.getFriction()
     integrator.setFriction(CALM[0] / integrator.getStepSize())
     integrator.step(CALM[1])

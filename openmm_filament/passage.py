@@ -12,7 +12,9 @@ import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 
+from openmm_filament import _checks as check
 from openmm_filament import contact, traps, units
+from openmm_filament.evaluation import internal_positions
 from openmm_filament.geometry import chain_indices
 from openmm_filament.integrators import temperature_of
 from openmm_filament.model import Model
@@ -29,6 +31,9 @@ _STRIDE = 0.2
 
 _SCATTER = 5.0
 """Standard deviations of the thermal kinetic energy that are taken for thermal."""
+
+_MANY = 1e6
+"""Piconewtons, or kJ/mol, from which a force or an energy is told in newtons or joules."""
 
 _REACH = 4
 """Beads on each side of a crossing that can touch, as the spacing is at least a third of the diameter where it counts."""
@@ -53,11 +58,11 @@ class Barrier:
 def barrier(model: Model, positions: unit.Quantity | None = None) -> Barrier | None:
     """The barrier between the filaments of a model with `contact.Repulsion`, from its weakest numbers; None without contact.
 
-    The longest bond (at internal `positions`, (N, 3); by default the rest shapes), the smallest diameter and the softest
+    The longest bond (at physical `positions`, (N, 3); by default the rest shapes), the smallest diameter and the softest
     springs of any filament are taken together, so that no pair of filaments has less. Levers and wedges can make more of
     a force than it is; an energy cannot be passed.
     """
-    numbers = _weakest(model, units.numbers("positions", model.positions if positions is None else positions, "length"))
+    numbers = _weakest(model, check.finite("positions", internal_positions(model, positions)))
     if numbers is None:
         return None
     spacing, diameter, stiffness, stretching = numbers
@@ -167,11 +172,24 @@ def _of_motion(model: Model, context: mm.Context, energy: float, diameter: float
 
 
 def _too_much(model: Model, what: str, dimension: str, found: float, allowed: float) -> str:
-    shown = [model.to_physical(value, dimension) for value in (allowed, found)]
+    in_words = [_in_words(value * model.scale.factor(dimension), dimension) for value in (allowed, found)]
     return (
-        f"The {what} in contact must stay below what pushes them through one another, {shown[0]}, but is {shown[1]}: "
+        f"The {what} in contact must stay below what pushes them through one another, {in_words[0]}, but is {in_words[1]}: "
         "use stiffer contact or a smaller spacing."
     )
+
+
+def _in_words(value: float, dimension: str) -> str:
+    """A physical force (kJ/mol/nm) or energy (kJ/mol) in the unit of its size."""
+    small, large = {
+        "force": (unit.piconewton, unit.newton),
+        "energy": (unit.kilojoule_per_mole, unit.joule),
+    }[dimension]
+    for chosen in (small, large):
+        shown = value / units.number("unit", 1.0 * chosen, dimension)
+        if shown < _MANY:
+            break
+    return f"{shown:.6g} {chosen.get_symbol()}"
 
 
 def _pushes(model: Model, context: mm.Context | None, x: Array) -> list[float]:

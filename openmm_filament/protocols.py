@@ -192,7 +192,7 @@ def ramp(
     if values[0] == values[1]:
         same = f"{values[0] / PN:.6g} pN" if control == "force" else f"{values[0]:.6g} nm"
         raise check.fail(control, "hold two different values", f"{same} twice")
-    check.integer("points", points, low=2)
+    check.integer("points", points, low=2, high=_CHANGES)
     chosen = Settings.of(filament, temperature, replicas, 1, seed, timestep, friction, equilibration, processes)
     setup = chosen.at(control, values[0], values[1], k)
     time = setup.time("duration", duration, math.nan)

@@ -170,6 +170,10 @@ def force_extension(
     check.one_of("platform", platform, names)
     _check_workers(platform, executor, processes)
     workers = available_workers(processes)
+    if trajectories is not None and not isinstance(trajectories, Mapping):
+        raise TypeError(
+            f"Argument `trajectories` must map the number of a force to a path, such as {{0: 'a.dcd'}}, but is {trajectories!r}."
+        )
     paths = {check.integer("trajectories", i, low=0, high=len(values) - 1): p for i, p in (trajectories or {}).items()}
     if len({os.path.abspath(path) for path in paths.values()}) < len(paths):
         raise ValueError(

@@ -44,6 +44,12 @@ _HALF = 0.5
 _SMALLEST_STAGE = 1e-3
 """Part of the load that is not divided further."""
 
+_MANY = 10**9
+"""Stages at most: more would not be told apart."""
+
+_CREEP = 15
+"""Damped Newton steps in a row after which a descent is taken to creep along a ridge."""
+
 _ESCAPES = 5
 """Saddles left at most, one after another."""
 
@@ -139,10 +145,13 @@ def equilibrium(
         `begin_at` outside [0, 1].
     """
     check.within("begin_at", begin_at, 0, 1)
-    check.integer("stages", stages, low=1)
+    check.integer("stages", stages, low=1, high=_MANY)
     check.integer("most_steps", most_steps, low=1)
     problem = _Problem(model)
-    x = problem.reduced(internal_positions(model, positions))
+    begin = check.finite("positions", internal_positions(model, positions))
+    if not problem.shortest(begin) > 0:
+        raise ValueError("Argument `positions` must not have neighbours in one place, but has.")
+    x = problem.reduced(begin)
     left = most_steps
     reached, raise_by = begin_at, (1.0 - begin_at) / stages
     if problem.is_arm(x):
@@ -152,6 +161,9 @@ def equilibrium(
         share = min(reached + raise_by, 1.0)
         tried, steps, done = problem.relax(x, share, _COARSE, min(left, _STAGE))
         left -= steps
+        if not done and problem.fell:
+            x = tried  # on its way down to another shape: no smaller stage would lead there
+            continue
         if not done and raise_by > _SMALLEST_STAGE:
             raise_by /= 2
             continue
@@ -180,6 +192,10 @@ class _Problem:
         self.free = free_degrees(model)
         if not self.free.any():
             raise ValueError("Argument `model` must have a free bead to come to rest, but all are held.")
+        if not any(len(interaction.beads) for interaction in model.interactions):
+            raise ValueError(
+                "Argument `model` must have a term or a trap that acts on it to come to rest, but has none."
+            )
         self.chosen = np.flatnonzero(self.free.ravel())
         for load in model.loads:
             net = sum(load.pulls.values(), np.zeros(3))
@@ -190,6 +206,7 @@ class _Problem:
         self.fixed = internal_positions(model)
         self.load = float(np.abs(model.pulls).max())
         self._damping = 0.0
+        self.fell = False
         self._seen: tuple[Array, Any] | None = None
 
     def is_arm(self, x: Array) -> bool:
@@ -267,6 +284,8 @@ class _Problem:
         """Newton steps from x until the residual is small; the last x, the steps taken, and whether it is."""
         energy, force = self.energy(x, share), self.force(x, share)
         best = self.residual(force)
+        self.fell = False
+        uphill = 0  # successive steps where the Hessian was not positive definite
         for step in range(most):
             if best <= self.goal(x, share, relative):
                 return x, step, True
@@ -274,6 +293,13 @@ class _Problem:
             if moved is None:
                 return x, step + 1, False
             x, energy, force = moved
+            uphill = uphill + 1 if self._damping else 0
+            if uphill == _CREEP:  # along a ridge, off which the force does not point
+                lowest, direction = self.lowest(x)
+                if self.falls(x, lowest):
+                    x, self.fell = self.nudged(x, direction), True
+                    energy, force = self.energy(x, share), self.force(x, share)
+                uphill = 0
             best = self.residual(force)
         return x, most, best <= self.goal(x, share, relative)
 
@@ -329,7 +355,10 @@ class _Problem:
         return float(64 * np.finfo(float).eps * (sum(parts) + np.abs(self.model.pulls * positions).sum()))
 
     def _shortest(self, x: Array) -> float:
-        positions = self.whole(x)
+        return self.shortest(self.whole(x))
+
+    def shortest(self, positions: Array) -> float:
+        """The shortest segment of positions (N, 3)."""
         chained = [i.beads for i in self.model.interactions if i.term.span > 1]
         pairs = [positions[beads[:, 1]] - positions[beads[:, 0]] for beads in chained]
         return min((float(np.sqrt(dot(s, s)).min()) for s in pairs), default=np.inf)

@@ -344,7 +344,7 @@ def test_preflight_refuses_what_could_pass() -> None:
     with pytest.raises(PreflightError, match=r"barrier between filaments .* 25 k_B T, but is"):
         of.preflight(model, context_of(model, 3000.0))
     loads = [[of.loads.Trap(0, 1000 * STIFF, (0, 0, 30) * NM)], []]
-    with pytest.raises(PreflightError, match=r"steady force on filaments .* kJ/\(nm mol\)"):
+    with pytest.raises(PreflightError, match=r"steady force on filaments .* pN"):
         of.preflight(of.build(crossed(0.5), loads))
     assert of.preflight(model, context_of(model)).force_errors["contact"] <= 1e-3
 
@@ -427,3 +427,36 @@ def test_replicas_of_a_curve_do_not_meet() -> None:
     free, repelled = (float(curve.extension[0]) for curve in curves)
     error = np.hypot(*(float(curve.extension_error[0]) for curve in curves))
     assert repelled - free > tol.SIGMAS * error
+
+
+def test_planar_chains_in_contact_are_sampled() -> None:
+    """Their integrator has another way of strong friction for the start, and its own friction again afterwards."""
+    x = np.outer(np.arange(6), [0.9, 0, 0])
+    chain = of.Filament(
+        x * NM, 1 * unit.dalton, (stretching.Harmonic(300 * STIFF), contact.Repulsion(1 * NM, 300 * STIFF))
+    )
+    curve = of.force_extension(chain, [6.0] * KJ / NM, 300 * KELVIN, 0.3, seed=2, processes=1, dimension=2)
+    assert 2 < float(curve.extension[0]) < 5
+    model = of.build(chain, [of.loads.Hold(0), of.loads.Plane()])
+    integrator = of.langevin(model, temperature=300 * KELVIN, seed=1)
+    context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName("Reference"))
+    context.setPositions(model.positions)
+    before = [integrator.getGlobalVariable(i) for i in range(integrator.getNumGlobalVariables())]
+    of.integrators.calm(integrator, model)
+    assert context.getStepCount() == of.integrators.CALM[1]
+    assert [integrator.getGlobalVariable(i) for i in range(integrator.getNumGlobalVariables())] == before
+
+
+def test_more_refusals() -> None:
+    touch = contact.Repulsion(1 * NM, 1 * STIFF)
+    with pytest.raises(ValueError, match=r"`terms` must hold one contact\.Repulsion at most"):
+        of.Filament(of.shapes.line(4, 1 * NM), 1 * unit.dalton, (touch, touch))
+    model = of.build(crossed(0.5))
+    with pytest.raises(ValueError, match="`positions` must have shape"):
+        of.barrier(model, np.zeros((3, 3)) * NM)
+    with pytest.raises(ValueError, match="`positions` must be finite"):
+        of.barrier(model, np.full((32, 3), np.nan) * NM)
+    assert of.barrier(of.build(of.Filament(of.shapes.line(4, 1 * NM), 1 * unit.dalton, ()))) is None
+    hard = [[of.loads.Pull(0, (0, 0, 1e9) * unit.piconewton)], []]
+    with pytest.raises(PreflightError, match=r"[\d.]+ pN, but is 0.001 N"):
+        of.preflight(of.build(crossed(0.5), hard))

@@ -231,3 +231,35 @@ def test_a_chain_that_nothing_holds_is_refused_where_it_is_pulled_away() -> None
     balanced = of.equilibrium(of.build(chain, [Pull(-1, (0, 0, 5) * N_PER), Pull(0, (0, 0, -5) * N_PER)]))
     assert balanced.converged
     assert tip(balanced)[2] == pytest.approx(3 * (1 + 5 / 1e4), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("beads", "force"), [(12, (-5, 0, 0)), (12, (5, 0, 0)), (20, (-1, 0, 0)), (12, (0, 0, 5)), (30, (-50, 0, 0))]
+)
+def test_a_ring_held_at_one_bead_comes_to_rest_away_from_it(beads: int, force: tuple[float, ...]) -> None:
+    """Pushed towards its hold, too, where symmetry keeps it on a ridge: it turns over and hangs along the force."""
+    terms = (of.stretching.Harmonic(500 * KJ / NM**2), of.bending.Harmonic(50 * KJ))
+    ring = of.Filament(of.shapes.ring(beads, 2 * NM), 1 * unit.dalton, terms, closed=True)
+    model = of.build(ring, [of.loads.Hold(0), of.loads.Pull(beads // 2, force * unit.piconewton)])
+    found = of.equilibrium(model, most_steps=1000)
+    assert found.converged
+    assert found.is_minimum
+    x = found.positions.value_in_unit(NM)
+    along = np.array(force) / np.linalg.norm(force)
+    reach = x[beads // 2] - x[0]
+    assert reach @ along == pytest.approx(np.linalg.norm(reach), rel=1e-6)
+    others = of.forces(model, found.positions)[1:]
+    assert np.abs(others).max() < 1e-7
+
+
+def test_equilibrium_refuses_what_is_no_shape() -> None:
+    line = of.Filament(of.shapes.line(4, 1 * NM), 1 * unit.dalton, (of.stretching.Harmonic(500 * KJ / NM**2),))
+    model = of.build(line, [of.loads.Hold(0), of.loads.Pull(-1, (0, 0, 5) * unit.piconewton)])
+    with pytest.raises(ValueError, match="`positions` must be finite"):
+        of.equilibrium(model, positions=np.full((5, 3), np.nan) * NM)
+    with pytest.raises(ValueError, match="neighbours in one place"):
+        of.equilibrium(model, positions=np.zeros((5, 3)) * NM)
+    with pytest.raises(ValueError, match="must have a term or a trap"):
+        of.equilibrium(of.build(of.Filament([[0, 0, 0]] * NM, 1 * unit.dalton, ())))
+    with pytest.raises(ValueError, match="`stages` must be at most"):
+        of.equilibrium(model, stages=10**400)

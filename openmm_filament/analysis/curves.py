@@ -122,10 +122,15 @@ def read_curve(
     ...     read_curve(file.name, force="F", extension="z", nm=1000).extension
     array([500., 800.])
     """
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        names = list(reader.fieldnames or ())
-        rows = list(reader)
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            names = list(reader.fieldnames or ())
+            rows = list(reader)
+    except UnicodeDecodeError:
+        raise ValueError(f"Argument `path` must name a text file in UTF-8, but {path} is not.") from None
+    if len(set(names)) < len(names):
+        raise ValueError(f"Argument `path` must name a file whose columns differ, but {path} has {names}.")
     spread = extension_error or ("extension_error_nm" if "extension_error_nm" in names else None)
     shift = force_error or ("force_error_pN" if "force_error_pN" in names else None)
     for name in (force, extension, spread, shift, *(where or {})):
