@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import ExitStack
 from typing import TypeVar
 
-from openmm_filament.executors import main_hidden, worker_options
+from openmm_filament.executors import check_executor, main_hidden, worker_options
 
 __all__ = ["run_all"]
 
@@ -15,16 +16,29 @@ R = TypeVar("R")
 
 
 def run_all(
-    function: Callable[[T], R], tasks: Sequence[T], workers: int, progress: Callable[[float], None] | None
+    function: Callable[[T], R],
+    tasks: Sequence[T],
+    workers: int,
+    progress: Callable[[float], None] | None,
+    *,
+    executor: Executor | None = None,
+    costs: Sequence[float] | None = None,
 ) -> list[R | None]:
     """The result of `function`, an importable one, of each task; None where Ctrl-C came first.
 
-    Tasks that are under way at Ctrl-C run to their end. `progress` is called with the fraction done as tasks end.
-    Raises what a task raises.
+    Tasks that are under way at Ctrl-C run to their end. `progress` is called with the fraction done as tasks end, by
+    `costs` where these are given, else by number. With an `executor`, as `force_extension` takes it, the tasks run there
+    and not in `workers` processes; it is left open. Raises what a task raises.
     """
+    weights = [1.0] * len(tasks) if costs is None else list(costs)
+    if executor is not None:
+        check_executor(executor)
     pending: dict[Future[R], int] = {}
     results: list[R | None] = [None] * len(tasks)
-    with ProcessPoolExecutor(min(workers, len(tasks)), **worker_options()) as pool:
+    with ExitStack() as opened:
+        pool: Executor = executor or opened.enter_context(
+            ProcessPoolExecutor(min(workers, len(tasks)), **worker_options())
+        )
         try:
             with main_hidden():
                 for i, task in enumerate(tasks):
@@ -33,13 +47,25 @@ def run_all(
                 for future in wait(pending, return_when=FIRST_COMPLETED).done:
                     results[pending.pop(future)] = future.result()
                     if progress is not None:
-                        progress(1 - len(pending) / len(tasks))
+                        progress(1 - sum(weights[i] for i in pending.values()) / sum(weights))
         except KeyboardInterrupt:
-            pool.shutdown(wait=True, cancel_futures=True)
+            _give_up(pool, pending, ours=executor is None)
             for future, i in pending.items():
                 if not future.cancelled() and future.done() and future.exception() is None:
                     results[i] = future.result()
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            for future in pending:
+                future.cancel()
+            if executor is None:
+                pool.shutdown(wait=False, cancel_futures=True)
             raise
     return results
+
+
+def _give_up(pool: Executor, pending: dict[Future[R], int], *, ours: bool) -> None:
+    """Cancel what has not begun, and wait for the rest where the workers are ours."""
+    if ours:
+        pool.shutdown(wait=True, cancel_futures=True)
+        return
+    for future in pending:
+        future.cancel()

@@ -23,6 +23,7 @@ SYSTEMS = {
     "planar_force_extension": "a random planar chain pulled cold and hot: is missing noise why no worm-like chain fits?",
     "helix_force_extension": "a helix pulled without temperature, its torsion from soft to stiff; a warm one unloaded",
     "dna_force_extension": "double-stranded DNA pulled from 0.05 to 50 pN, against the worm-like chain",
+    "pseudoknot": "two helices screwed into each other, left alone and pulled apart: works, forces, what makes them hold",
     "stability": "what breaks a run, from straight to folded back, 1e-10 m to 1 m, 0 to 1e6 K: right, refused or wrong",
     "error_vs_runtime": "every system's error against its run time, what is cheapest, and what growth costs",
 }

@@ -1,0 +1,205 @@
+"""What the ensemble says: slow limits of the works, their ratio, the table of settings, checks and findings."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.pseudoknot.plan import BASE, Case
+from systems.pseudoknot.rows import Row
+from systems.pseudoknot.runs import Result
+from systems.scene import Check
+
+__all__ = ["Outcome", "Setting", "Slow", "checks", "outcome", "settings", "slow", "write_settings"]
+
+Array = NDArray[np.float64]
+
+CLOSES = 0.01
+"""Of the energy balance, over the largest of work, loss and change."""
+
+PASSED = 0.5
+"""Jump of the linking integral between records that a passage of one chain through the other would exceed: it makes 1."""
+
+ALIKE = 1e-3
+"""Relative difference of works in units of E I/R that E and G of another size may make."""
+
+_THESIS = 100.0, 0.3
+"""The ratio of breaking to making that "nearly two orders of magnitude" is taken for, and how far off, in decades."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slow:
+    """Works of the starts at speed zero, by a straight line through those at the speeds: their mean, its standard error.
+
+    `slope` is the mean slope in J s/m, `each` the intercepts, `speeds` and `works` (S,), (S, starts) what they come from.
+    """
+
+    mean: float
+    error: float
+    slope: float
+    each: Array
+    speeds: Array
+    works: Array
+
+
+def slow(rows: list[Row], work: str, speed: str) -> Slow:
+    """The slow limit of a work of the main ensemble, over the starts that formed at every speed.
+
+    Raises ValueError with fewer than two speeds or starts.
+    """
+    main = [row for row in rows if row.group == "main"]
+    paces = sorted({row.slowness for row in main})
+    formed = [{row.start for row in main if row.slowness == pace and row.formed} for pace in paces]
+    starts = sorted(set.intersection(*formed)) if formed else []
+    if len(paces) < 2 or len(starts) < 2:
+        raise ValueError(f"A slow limit needs two speeds and two starts, but there are {len(paces)} and {len(starts)}.")
+    found = {(row.slowness, row.start): row for row in main}
+    speeds = np.array([getattr(found[pace, starts[0]], speed) for pace in paces])
+    works = np.array([[getattr(found[pace, start], work) for start in starts] for pace in paces])
+    slopes, each = np.polyfit(speeds, works, 1)
+    error = float(each.std(ddof=1) / math.sqrt(len(each)))
+    return Slow(float(each.mean()), error, float(slopes.mean()), each, speeds, works)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Slow limits of making and breaking, as done by the hand and net of what a chain moved alone takes, and ratios."""
+
+    making: Slow
+    breaking: Slow
+    net_making: Slow
+    net_breaking: Slow
+    ratio: tuple[float, float]
+    net_ratio: tuple[float, float]
+
+
+def outcome(rows: list[Row]) -> Outcome:
+    """From the main ensemble."""
+    making, net_making = (slow(rows, name, "making_speed") for name in ("work_making", "net_making"))
+    breaking, net_breaking = (slow(rows, name, "breaking_speed") for name in ("work_breaking", "net_breaking"))
+    return Outcome(
+        making, breaking, net_making, net_breaking, _ratio(breaking, making), _ratio(net_breaking, net_making)
+    )
+
+
+def _ratio(breaking: Slow, making: Slow) -> tuple[float, float]:
+    """Of the means, and half the width of the middle 68 % of what drawing the starts anew gives."""
+    rng = np.random.default_rng(0)
+    drawn = rng.integers(len(making.each), size=(4000, len(making.each)))
+    ratios = breaking.each[drawn].mean(axis=1) / making.each[drawn].mean(axis=1)
+    low, high = np.percentile(ratios, (16, 84))
+    return breaking.mean / making.mean, float(high - low) / 2
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One case at one speed: what forms, what it costs and what it holds, in J and N, and over E I/R and E I/R^2.
+
+    Works are net of what a chain moved alone takes; works of breaking and forces are those of the pairs that formed.
+    """
+
+    label: str
+    group: str
+    value: float
+    slowness: float
+    starts: int
+    formed: int
+    freed: int
+    probability: float
+    probability_error: float
+    making: float
+    making_error: float
+    breaking: float
+    breaking_error: float
+    holding: float
+    holding_error: float
+    ratio: float
+    ratio_error: float
+    energy_unit: float
+    force_unit: float
+
+
+def settings(rows: list[Row], cases: list[Case]) -> list[Setting]:
+    """A line for each case and speed."""
+    out = []
+    for case in cases:
+        for pace in case.slowness:
+            chosen = [row for row in rows if row.label == case.label and row.slowness == pace]
+            if not chosen:
+                continue
+            knots = [row for row in chosen if row.formed]
+            making = _mean([row.net_making for row in knots or chosen])
+            breaking, holding = _mean([row.net_breaking for row in knots]), _mean([row.holding for row in knots])
+            n, k = len(chosen), len(knots)
+            ratio = breaking[0] / making[0]
+            spread = ratio * math.hypot(breaking[1] / breaking[0], making[1] / making[0]) if knots else math.nan
+            energy = case.lower.energy
+            out.append(
+                Setting(
+                    case.label, case.group, case.value, pace, n, k, sum(not math.isnan(row.freed_at) for row in knots),
+                    k / n, math.sqrt(k * (n - k) / n + 0.25) / (n + 1), *making, *breaking, *holding, ratio, abs(spread),
+                    energy, energy / case.lower.radius,
+                )
+            )  # fmt: skip
+    return out
+
+
+def _mean(values: list[float]) -> tuple[float, float]:
+    """And its standard error; NaN of nothing."""
+    if not values:
+        return math.nan, math.nan
+    error = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
+    return float(np.mean(values)), error
+
+
+def write_settings(path: Path, table: list[Setting]) -> None:
+    """`parameters.csv`: a line a setting, SI units in the head."""
+    units = dict.fromkeys(("making", "making_error", "breaking", "breaking_error", "energy_unit"), "_J")
+    units |= dict.fromkeys(("holding", "holding_error", "force_unit"), "_N")
+    names = list(Setting.__dataclass_fields__)
+    with path.open("w", newline="") as out:
+        writer = csv.writer(out)
+        writer.writerow([name + units.get(name, "") for name in names])
+        for line in table:
+            values = [getattr(line, name) for name in names]
+            writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in values])
+
+
+def checks(results: list[tuple[Case, float, Result]], rows: list[Row], found: Outcome) -> list[Check]:
+    """Energy, passage, dimensions and the rods' freedom are exact; the thesis's ratio and the hold are claims."""
+    main = [result for case, _, result in results if case.group == "main"]
+    misfit = max((phase.misfit for r in main for phase in (r.making, r.breaking)), key=abs)
+    jump, nearest = max(row.largest_jump for row in rows), min(row.nearest for row in rows)
+    gap = math.sqrt(0.5) * BASE.spacing
+    kept = [row.link_kept / row.link_made for row in rows if row.group == "main" and row.made]
+    decades, near = math.log10(max(found.ratio[0], 1e-300)), _THESIS
+    out = [
+        Check("energy: work less stored less lost to friction, worst ensemble of the knot, over the largest of them",
+              "exact", misfit, 0.0, abs(misfit), CLOSES),
+        Check("no chain passed through another: largest jump of a linking integral between records",
+              "exact", jump, 0.0, jump, PASSED),
+        Check("no chain passed through another: nearest beads of two chains over the diameter (crossing bonds need "
+              f"{gap:.2f})", "exact", nearest, 1.0, max(1 - nearest, 0.0), 1 - gap),
+        Check("the knot holds with no load: smallest linking integral after rest in thermal motion over that made",
+              "claim", min(kept), 1.0, max(1 - min(kept), 0.0), 0.5),
+        Check('work of breaking over work of making, both slow: "nearly two orders of magnitude", error in decades',
+              "claim", found.ratio[0], near[0], abs(decades - math.log10(near[0])), near[1]),
+    ]  # fmt: skip
+    twins = {row.start: row for row in rows if row.label == "unscrewed"}
+    scaled = [row for row in rows if row.group == "E_GPa" and row.start in twins]
+    if scaled:
+        scale = scaled[0].value * 1e9 / BASE.youngs_modulus
+        worst = max((row.work_making / scale / twins[row.start].work_making - 1 for row in scaled), key=abs)
+        text = "E and G ten times larger: work of making over E I/R, largest relative difference"
+        out.append(Check(text, "exact", worst, 0.0, abs(worst), ALIKE))
+    rods = [row for row in rows if row.label == "two rods"]
+    if rods:
+        pull = max(abs(row.net_breaking) for row in rods) / BASE.energy
+        out.append(Check("two straight rods come apart for nothing: largest work of contact over E I/R", "claim", pull, 0.0,
+                         pull, 0.05))  # fmt: skip
+    return out

@@ -1,0 +1,178 @@
+"""What is run: the knot itself at three speeds, its controls, other ways to make and break it, and its numbers varied."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+import openmm_filament as of
+from systems.pseudoknot.chains import Wire, start_gap
+from systems.pseudoknot.hands import Task
+from systems.pseudoknot.poses import Pose, drawn
+from systems.pseudoknot.ways import Way
+
+__all__ = ["BASE", "OVERLAP", "Case", "cases", "linked", "task", "tasks"]
+
+BASE = Wire()
+OVERLAP = 1.5
+"""Turns of the upper helix that are brought into the lower one."""
+
+SLOWNESS = (3.0, 6.0, 12.0)
+"""Times of making and of breaking, over the period of the slowest swing of the lower helix."""
+
+REST = 1.0
+"""Time in which the knot is left alone, over that period."""
+
+DAMPING = 0.3
+"""Rate over that of the slowest swing: it decays to 1/e in some seven periods."""
+
+CHILL, WARMTH = 1e-6, 1e-4
+"""k_B T over E I/R of the first velocities, and of the thermostat while the hand is away."""
+
+SHIFT, TILT = 1.0, 0.1
+"""Largest offset of the axes over the thickness of the wire, and largest angle between them in rad."""
+
+DRAWN_OUT = 0.65
+"""Way of the pull over the contour length of the chain."""
+
+FAR = 0.02
+"""Shift in m of one pair more, whose lower chain is out of reach: the hand moves its upper chain alone."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One setting of the scene.
+
+    Attributes
+    ----------
+    group : str
+        "main", "control", "way", or the name of what is varied.
+    value : float
+        Of what is varied, in the unit of its name; NaN for the others.
+    making : "screw", "push" or "side"
+    breaking : "straight", "unscrew" or "side"
+    held : bool
+        Whether the hand keeps its hold in between, so that it can go back the way it came.
+    """
+
+    label: str
+    group: str
+    lower: Wire = BASE
+    upper: Wire = BASE
+    value: float = math.nan
+    making: Literal["screw", "push", "side"] = "screw"
+    breaking: Literal["straight", "unscrew", "side"] = "straight"
+    clumsiness: float = 1.0
+    warmth: float = WARMTH
+    rest: float = REST
+    slowness: tuple[float, ...] = field(default=SLOWNESS[:1])
+    starts: int = 5
+    held: bool = False
+
+
+def _varied(group: str, value: float, wire: Wire, **more: float) -> Case:
+    return Case(f"{group} {value:g}", group, wire, wire, value, **more)  # type: ignore[arg-type]
+
+
+def cases(*, quick: bool) -> list[Case]:
+    """All that is run; with `quick` less of it."""
+    rod, mirrored = replace(BASE, hand=0), replace(BASE, hand=-1)
+    e, g = BASE.youngs_modulus, BASE.shear_modulus
+    main = Case("two helices", "main", slowness=SLOWNESS, starts=16)
+    controls = [
+        Case("two rods", "control", rod, rod),
+        Case("rod in a helix", "control", BASE, rod),
+        Case("opposite hands", "control", BASE, mirrored),
+    ]
+    ways = [
+        Case("pushed without turning", "way", making="push"),
+        Case("pushed from the side", "way", making="side"),
+        Case("pulled sideways", "way", breaking="side"),
+        Case("unscrewed", "way", breaking="unscrew", held=True),
+        Case("ten times warmer and four times longer", "way", warmth=10 * WARMTH, rest=4 * REST),
+    ]
+    scaled = _varied("E_GPa", 10, replace(BASE, youngs_modulus=10 * e, shear_modulus=10 * g))
+    varied = [
+        *(_varied("G_over_E", ratio, replace(BASE, shear_modulus=ratio * e)) for ratio in (0.1, 1.0, 2.0)),
+        *(_varied("helix_radius_mm", r, replace(BASE, radius=r * 1e-3)) for r in (1.25, 2.0)),
+        *(_varied("pitch_mm", p, replace(BASE, pitch=p * 1e-3)) for p in (2.2, 3.0, 6.0)),
+        *(_varied("thickness_mm", d, replace(BASE, thickness=d * 1e-3)) for d in (0.8, 1.25)),
+        *(_varied("clumsiness", c, BASE, clumsiness=c) for c in (0.1, 2.0)),
+    ]
+    if not quick:
+        return [main, *controls, *ways, scaled, *varied]
+    few = [
+        replace(case, starts=1, slowness=(1.2,), rest=0.3)
+        for case in (controls[0], controls[2], ways[0], ways[3], scaled)
+    ]
+    return [replace(main, slowness=(1.2, 1.8, 2.4), starts=4, rest=0.3), *few]
+
+
+def linked(wire: Wire) -> float:
+    """The linking integral of two such helices, the upper one screwed `OVERLAP` turns into the lower, half a pitch apart."""
+    coil = replace(wire, hand=1)
+    shape, up = coil.shape(), coil.height + start_gap(coil, coil)
+    lower = Pose(math.pi - 2 * math.pi * up / coil.pitch).placed(shape)
+    way = _screw(coil, coil)
+    upper = shape + np.array([0.0, 0.0, up])
+    return float(of.analysis.linking(lower, upper + way.displacements(shape, 1.0)))
+
+
+def _screw(lower: Wire, upper: Wire) -> Way:
+    down = start_gap(lower, upper) + OVERLAP * lower.pitch
+    return Way("screw", (0.0, 0.0, -down), -(upper.hand or 1) * down / lower.pitch)
+
+
+def task(case: Case, slowness: float, poses: tuple[Pose, ...], seed: int, *, film: bool = False) -> Task:
+    """A case at one slowness: pairs in these poses, and one pair more out of reach of each other."""
+    lower, upper = case.lower, case.upper
+    period, energy = lower.period(), lower.energy
+    screw = _screw(lower, upper)
+    beside = 2 * lower.radius + 4 * lower.thickness  # clear of a lower chain that is shifted and tilted
+    aside = 2.2 * lower.thickness if not lower.hand else 0.0  # rods side by side
+    place = (aside, 0.0, lower.height + start_gap(lower, upper))
+    if case.making == "side":
+        place = (beside, 0.0, 0.0)
+    making = {
+        "screw": screw,
+        "push": replace(screw, name="push", turns=0.0),
+        "side": Way("side", (-beside, 0.0, 0.0)),
+    }[case.making]
+    far = DRAWN_OUT * lower.contour
+    breaking = {
+        "straight": Way("straight", (0.0, 0.0, far)),
+        "unscrew": Way("unscrew", (0.0, 0.0, -screw.along[2]), -screw.turns),
+        "side": Way("side", (far, 0.0, 0.0)),
+    }[case.breaking]
+    return Task(
+        case.label,
+        lower,
+        upper,
+        (*poses, Pose(shift=(0.0, FAR))),
+        place,
+        making,
+        Way("held", (0.0, 0.0, 0.0)) if case.held else None,
+        breaking,
+        (slowness * period, case.rest * period, slowness * period),
+        DAMPING / period,
+        CHILL * energy,
+        case.warmth * energy,
+        seed,
+        film,
+    )
+
+
+def tasks(chosen: list[Case], seed: int, *, batch: int = 8) -> list[tuple[Case, float, Task]]:
+    """The tasks of the cases, at most `batch` starts each; cases and speeds share their starts."""
+    out = []
+    for case in chosen:
+        size = case.lower.thickness * SHIFT * case.clumsiness
+        poses = drawn(case.starts, seed, shift=size, tilt=TILT * case.clumsiness)
+        for slowness in case.slowness:
+            for i in range(0, len(poses), batch):
+                film = case.group == "main" and slowness == case.slowness[-1] and i == 0
+                out.append((case, slowness, task(case, slowness, poses[i : i + batch], 1000 * seed + i, film=film)))
+    return out

@@ -1,0 +1,235 @@
+"""The system pseudoknot: its motions, one knot made and pulled apart, its judgement, and broken copies that it tells."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import openmm_filament as of
+from systems import __main__ as command
+from systems.pseudoknot import judgement, plan, rows
+from systems.pseudoknot.chains import Wire
+from systems.pseudoknot.poses import Pose, drawn
+from systems.pseudoknot.runs import Result, run
+from systems.pseudoknot.ways import Way, smooth
+
+# Shapes and motions ---------------------------------------------------------------------------------------------------
+
+
+def test_a_pose_is_a_turn_then_tilts_then_a_shift() -> None:
+    shape = Wire().shape()
+    pose = Pose(0.7, (1e-3, -2e-3), (0.1, -0.2))
+    turned = Rotation.from_euler("zxy", [0.7, 0.1, -0.2]).apply(shape)  # about fixed axes, z first
+    np.testing.assert_allclose(pose.placed(shape), turned + np.array([1e-3, -2e-3, 0.0]), atol=1e-18)
+
+
+def test_drawn_poses_fill_their_discs_and_repeat_with_the_seed() -> None:
+    poses = drawn(400, 3, shift=2e-3, tilt=0.1)
+    sizes = np.linalg.norm([pose.shift for pose in poses], axis=1)
+    assert sizes.max() <= 2e-3
+    assert np.mean(sizes**2) == pytest.approx(2e-6, rel=0.1)  # of a disc: half the square of its radius
+    assert poses == drawn(400, 3, shift=2e-3, tilt=0.1)
+    assert poses[:5] == drawn(5, 3, shift=2e-3, tilt=0.1)
+
+
+@pytest.mark.parametrize("hand", [1, -1])
+def test_screwing_moves_a_helix_along_itself(hand: int) -> None:
+    wire = replace(plan.BASE, hand=hand)
+    way = plan.task(plan.Case("", "", wire, wire), 1.0, (), 1).making
+    shape = wire.shape()
+    for part in (0.3, 1.0):
+        x, y, z = (shape + way.displacements(shape, part)).T
+        angle = 2 * math.pi * z / wire.pitch  # of the endless helix at that height
+        np.testing.assert_allclose(x, wire.radius * np.cos(angle), atol=1e-15)
+        np.testing.assert_allclose(y, hand * wire.radius * np.sin(angle), atol=1e-15)
+
+
+def test_the_hand_starts_and_stops_softly_and_goes_the_whole_way() -> None:
+    times = np.linspace(0, 1, 2001)
+    parts = np.array([smooth(float(t)) for t in times])
+    speeds = np.diff(parts) * 2000
+    assert (parts[0], parts[-1], smooth(0.5)) == (0.0, 1.0, pytest.approx(0.5))
+    assert speeds.min() > 0
+    assert max(speeds[0], speeds[-1]) < 0.01
+    assert speeds.max() == pytest.approx(1 / 0.85)
+    assert np.abs(np.diff(speeds)).max() < 0.01  # no jump of the speed
+
+
+def test_an_ideal_knot_links_once_a_turn_and_a_mirrored_one_the_other_way_round() -> None:
+    assert plan.linked(plan.BASE) == pytest.approx(plan.OVERLAP, abs=0.15)
+    longer = replace(plan.BASE, turns=2 * plan.BASE.turns)
+    assert abs(plan.linked(longer) - plan.OVERLAP) < 0.15
+    shape = plan.BASE.shape()
+    other = Pose(math.pi).placed(shape)
+    mirror = np.array([1.0, -1.0, 1.0])
+    assert of.analysis.linking(shape * mirror, other * mirror) == pytest.approx(-of.analysis.linking(shape, other))
+
+
+# One knot -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def knot() -> Result:
+    """One pair and one out of reach, at a fast speed."""
+    case = plan.Case("two helices", "main", rest=0.3)
+    return run(plan.task(case, 2.0, (Pose(phase=4.0),), 5, film=True))
+
+
+def test_a_knot_is_made_holds_and_comes_apart(knot: Result) -> None:
+    (row,) = rows.rows_of(plan.Case("two helices", "main"), 2.5, knot)
+    assert row.formed
+    assert row.link_made == pytest.approx(plan.linked(plan.BASE), abs=0.4)
+    assert 0 < row.freed_at < 1
+    assert abs(row.link_broken) < rows.FREE
+    assert row.net_breaking > 3 * abs(row.net_making)
+    assert row.holding > 0
+    assert row.largest_jump < judgement.PASSED
+    assert row.nearest > 0.9
+
+
+def test_its_energies_balance(knot: Result) -> None:
+    assert abs(knot.making.misfit) < judgement.CLOSES
+    assert abs(knot.breaking.misfit) < judgement.CLOSES
+
+
+def test_friction_that_is_forgotten_breaks_the_balance(knot: Result) -> None:
+    for phase in (knot.making, knot.breaking):
+        assert abs(replace(phase, lost=0.9 * phase.lost).misfit) > judgement.CLOSES
+
+
+def test_the_work_is_that_of_the_recorded_force(knot: Result) -> None:
+    phase, way = knot.breaking, knot.task.breaking
+    path = np.outer(phase.parts, way.along)
+    summed = np.einsum("knc,kc->n", phase.force[1:], np.diff(path, axis=0))  # one in eight of the forces that did it
+    np.testing.assert_allclose(summed, phase.work[-1], rtol=0.02, atol=1e-3 * plan.BASE.energy)
+
+
+def test_the_linking_integral_is_that_of_the_film(knot: Result) -> None:
+    first = knot.task.lower.segments + 1
+    frames = knot.making.frames[::20]
+    found = of.analysis.linking(frames[:, :first], frames[:, first:])
+    np.testing.assert_allclose(found, knot.making.link[::20, 0], atol=1e-12)
+
+
+# Judgement ------------------------------------------------------------------------------------------------------------
+
+
+def row(**changes: Any) -> rows.Row:
+    """A pair of the main ensemble, 1 uJ to make and 100 uJ to break."""
+    given = dict.fromkeys(rows.Row.__dataclass_fields__, 0.0)
+    given |= {
+        "label": "two helices",
+        "group": "main",
+        "start": 0,
+        "slowness": 1.0,
+        "made": True,
+        "formed": True,
+        "nearest": 1.0,
+    }
+    given |= {"making_speed": 1.0, "breaking_speed": 1.0, "link_made": 1.5, "link_kept": 1.5, "freed_at": 0.5}
+    works = {"work_making": 1e-6, "net_making": 1e-6, "work_breaking": 1e-4, "net_breaking": 1e-4, "holding": 2.0}
+    return rows.Row(**(given | works | changes))
+
+
+def ensemble(intercepts: list[float], slope: float) -> list[rows.Row]:
+    return [
+        row(start=i, slowness=1 / v, making_speed=v, breaking_speed=v, work_making=a + slope * v, net_making=a)
+        for v in (1.0, 2.0, 4.0)
+        for i, a in enumerate(intercepts)
+    ]
+
+
+def test_a_slow_limit_is_the_mean_intercept_with_its_error() -> None:
+    found = judgement.slow(ensemble([1e-6, 2e-6, 4e-6, 5e-6], 3e-6), "work_making", "making_speed")
+    assert found.mean == pytest.approx(3e-6)
+    assert found.error == pytest.approx(np.std([1e-6, 2e-6, 4e-6, 5e-6], ddof=1) / 2)
+    assert found.slope == pytest.approx(3e-6)
+
+
+def test_starts_that_once_did_not_form_are_left_out() -> None:
+    main = ensemble([1e-6, 2e-6, 9e-6], 0.0)
+    main[2] = replace(main[2], formed=False)
+    assert judgement.slow(main, "work_making", "making_speed").mean == pytest.approx(1.5e-6)
+    with pytest.raises(ValueError, match=r"needs two speeds and two starts, but there are 3 and 1"):
+        judgement.slow([r for r in main if r.start != 1], "work_making", "making_speed")
+
+
+def test_the_ratio_and_its_claim() -> None:
+    making = np.linspace(0.8e-6, 1.2e-6, 16)
+    found = judgement.outcome(ensemble(making.tolist(), 1e-6))
+    assert found.ratio[0] == pytest.approx(100)
+    assert found.ratio[1] == pytest.approx(100 * making.std() / 1e-6 / 4, rel=0.1)
+    assert found.net_ratio[0] == pytest.approx(100)
+
+
+def test_a_table_counts_what_formed_and_averages_over_it() -> None:
+    case = plan.Case("two helices", "main", slowness=(1.0,))
+    given = [
+        row(start=0),
+        row(start=1, net_breaking=3e-4, freed_at=math.nan),
+        row(start=2, formed=False, net_making=9.0),
+    ]
+    (line,) = judgement.settings(given, [case])
+    assert (line.starts, line.formed, line.freed) == (3, 2, 1)
+    assert line.probability == pytest.approx(2 / 3)
+    assert line.making == pytest.approx(1e-6)
+    assert (line.breaking, line.breaking_error) == (pytest.approx(2e-4), pytest.approx(1e-4))
+    assert line.ratio == pytest.approx(200)
+    (none,) = judgement.settings([row(formed=False)], [case])
+    assert (none.probability, none.making) == (0, pytest.approx(1e-6))
+    assert math.isnan(none.breaking)
+    assert math.isnan(none.ratio)
+
+
+def test_broken_copies_fail_the_exact_checks(knot: Result) -> None:
+    case = plan.Case("two helices", "main")
+    main = ensemble([1e-6, 1.2e-6], 1e-6)
+    twins = [row(label="unscrewed", group="way"), row(label="E", group="E_GPa", value=10.0, work_making=1e-5)]
+
+    def failed(results: list[Any], given: list[rows.Row]) -> list[str]:
+        found = judgement.checks(results, given, judgement.outcome(main))
+        return [check.name.split(":")[0] for check in found if check.kind == "exact" and not check.passed]
+
+    good = [(case, 1.0, knot)]
+    assert failed(good, main + twins) == []
+    forgotten = replace(knot, making=replace(knot.making, lost=0.9 * knot.making.lost))
+    assert failed([(case, 1.0, forgotten)], main) == ["energy"]
+    through = "no chain passed through another"
+    assert failed(good, [*main, row(largest_jump=0.9)]) == [through]
+    assert failed(good, [*main, row(nearest=0.5)]) == [through]
+    scaled = replace(twins[1], work_making=1.02e-5)
+    assert failed(good, [*main, twins[0], scaled]) == ["E and G ten times larger"]
+
+
+# The whole ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_rod_has_no_torsion_and_a_way_its_length() -> None:
+    rod = replace(plan.BASE, hand=0)
+    terms = {type(term).__module__.split(".")[-1] for term in rod.filament(rod.shape()).terms}
+    assert terms == {"stretching", "bending", "contact"}
+    assert rod.contour == pytest.approx(plan.BASE.contour)
+    assert Way("", (0.0, 0.0, 3.0), 2.0).length(4 / (4 * math.pi)) == pytest.approx(5.0)
+
+
+@pytest.mark.slow
+def test_the_quick_run_passes_and_writes_its_files(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    assert command.main(["pseudoknot", "--output", str(folder), "--quick"]) == 0
+    names = {path.name for path in folder.iterdir()}
+    assert {"summary.json", "pseudoknot.csv", "parameters.csv", "trajectory.dcd", "topology.pdb"} <= names
+    assert {"pseudoknot.png", "parameters.png", "energy.png", "making_and_breaking.png"} <= names
+    assert ("still.png" in names) == of.rendering.available()
+    summary = json.loads((folder / "summary.json").read_text())
+    assert all(check["passed"] for check in summary["checks"] if check["kind"] == "exact")
+    assert "CustomNonbondedForce" in summary["terms"]
+    frames = of.load(folder / "trajectory.dcd")
+    assert frames.n_chains == 2
+    assert 60 < len(frames) <= 120
