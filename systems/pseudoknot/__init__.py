@@ -73,7 +73,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     table = judgement.settings(rows, cases)
     write_csv(folder / "pseudoknot.csv", rows)
     judgement.write_settings(folder / "parameters.csv", table)
-    said, checks = _judged(folder, results, rows, table, interrupted=interrupted)
+    said, checks = _judged(folder, results, rows, table, interrupted=interrupted, frames=FRAMES[quick])
     code = stage.close(
         folder,
         Summary(
@@ -112,12 +112,13 @@ def _judged(
     table: list[judgement.Setting],
     *,
     interrupted: bool,
+    frames: int,
 ) -> tuple[list[str], list[Check]]:
     """Findings and checks, with the figures drawn; what is left of them after Ctrl-C."""
     said = []
     shown = next((result for _, _, result in results if result.task.film), None)
     if shown is not None:
-        said = _pictures(folder, shown)
+        said = _pictures(folder, shown, frames)
         figures.energies(folder / "energy.png", shown)
         figures.course(folder / "making_and_breaking.png", shown)
     if interrupted:
@@ -131,17 +132,17 @@ def _judged(
     return [*findings.sentences(rows, table, slow), *said], judgement.checks(results, rows, slow)
 
 
-FRAMES = 120
-"""Frames of the trajectory and of the film, at most."""
+FRAMES = {False: 120, True: 30}
+"""Frames of the trajectory and of the film, at most, of a full and of a quick run."""
 
 
-def _pictures(folder: Path, shown: Result) -> list[str]:
+def _pictures(folder: Path, shown: Result, most: int) -> list[str]:
     """The trajectory of one pair from apart to apart, and its film; a finding where it cannot be drawn."""
     phases = (shown.making, shown.resting, shown.breaking)
     ends = np.cumsum([0.0, *(phase.times[-1] for phase in phases)])
     times = np.concatenate([phase.times + end for phase, end in zip(phases, ends, strict=False)])
     frames = np.concatenate([phase.frames for phase in phases]) * 1e9
-    chosen = np.unique(np.linspace(0, len(times) - 1, FRAMES).astype(int))
+    chosen = np.unique(np.linspace(0, len(times) - 1, most).astype(int))
     task = shown.task
     model = model_of(task, task.start()[:1])
     stage.write_trajectory(folder / "trajectory.dcd", model, times[chosen], frames[chosen])

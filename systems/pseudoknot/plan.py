@@ -104,11 +104,8 @@ def cases(*, quick: bool) -> list[Case]:
     ]
     if not quick:
         return [main, *controls, *ways, scaled, *varied]
-    few = [
-        replace(case, starts=1, slowness=(1.2,), rest=0.3)
-        for case in (controls[0], controls[2], ways[0], ways[3], scaled)
-    ]
-    return [replace(main, slowness=(1.2, 1.8, 2.4), starts=4, rest=0.3), *few]
+    few = [replace(case, starts=1, slowness=(0.8,), rest=0.3) for case in (controls[0], controls[2], ways[3], scaled)]
+    return [replace(main, slowness=(0.8, 1.1, 1.4), starts=4, rest=0.3), *few]
 
 
 def linked(wire: Wire) -> float:
