@@ -32,6 +32,10 @@ REPLICAS = 2
 _SAMPLE_TIME, _WARM_UP_TIME = 0.2, 2.5
 """Between samples, and before the first: times over 1/omega of the slowest mode."""
 
+_STRAIGHTENED, _LONGER = 100.0, 3.0
+"""Work of the force on a segment over k_B T above which starts, drawn bond by bond, are too little aligned (by a tenth of a
+radian), and how much longer the way to the first sample then is."""
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -99,6 +103,8 @@ def plan_curve(
         step = choice.step if timestep is None else choice.step * dt / thermal_step(model, kelvin, None, choice.step)
         settled = timestep is None and not math.isnan(choice.time_step)
         to_ps = model.scale.factor("time")
+        length = float(np.linalg.norm(np.diff(model.positions._value, axis=0), axis=-1).max())
+        aligned = force * PN * length * model.scale.length > _STRAIGHTENED * units.BOLTZMANN * kelvin
         plans.append(
             Plan(
                 force=float(force),
@@ -108,7 +114,7 @@ def plan_curve(
                 timestep=dt * to_ps,
                 friction=FRICTION * rate / to_ps,
                 stride=max(1, round(_SAMPLE_TIME / rate / dt)),
-                warm_up=round(_WARM_UP_TIME / rate / dt),
+                warm_up=round((_LONGER if aligned else 1.0) * _WARM_UP_TIME / rate / dt),
             )
         )
     return plans

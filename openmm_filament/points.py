@@ -153,8 +153,9 @@ class Point:
 
         chains = np.concatenate([np.concatenate(run.extensions, axis=1)[:, :have] for run in self.runs])
         self.mean = float(chains.mean())
-        self.samples = float(array_stats.ess(chains, chain_axis=0, draw_axis=1, method="mean"))
-        self.error = float(array_stats.mcse(chains, chain_axis=0, draw_axis=1, method="mean"))
+        # samples that undo one another's deviations may count as more than they are; short runs cannot tell how far
+        self.samples = min(float(array_stats.ess(chains, chain_axis=0, draw_axis=1, method="mean")), float(chains.size))
+        self.error = float(chains.std(ddof=1)) / math.sqrt(self.samples)
         self.r_hat = float(array_stats.rhat(chains, chain_axis=0, draw_axis=1))
         alone = [array_stats.mcse(chain[None], chain_axis=0, draw_axis=1, method="mean") for chain in chains]
         self.scatter = float(chains.mean(axis=1).var(ddof=1) / np.mean(np.square(alone)))
