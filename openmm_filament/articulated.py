@@ -1,4 +1,4 @@
-"""An open filament held at its first bead, in the coordinates that its terms are functions of: lengths, bends, torsions.
+"""An open filament held at its first bead or its first two, in what its terms depend on: lengths, bends, torsions.
 
 In them the energy of the terms is as good as quadratic, also where a nearly straight chain makes it all but singular in
 Cartesian coordinates, and the work of the loads is smooth. The coordinates are those of an arm: each moves all beads
@@ -27,7 +27,13 @@ _FURTHEST = 0.7
 
 
 def relaxed(
-    positions: Array, interactions: Sequence[Interaction], loads: Array, *, most: int, tolerance: float
+    positions: Array,
+    interactions: Sequence[Interaction],
+    loads: Array,
+    *,
+    most: int,
+    tolerance: float,
+    clamped: bool = False,
 ) -> tuple[Array, int]:
     """Positions (N, 3) of least energy near these, bead 0 staying where it is, and the steps taken; internal units.
 
@@ -37,25 +43,28 @@ def relaxed(
         Constant forces on the beads.
     tolerance : float
         Stops at a gradient this small over the largest load, lengths being counted in segments.
+    clamped : bool
+        Whether bead 1 stays, too.
     """
     arm = _Arm(positions)
+    ways = arm.ways(clamped)
     unit_length = float(arm.lengths.mean())
     damping, steps = 0.0, 0
     energy, gradient, matrix = arm.derivatives(interactions, loads)
     scale, bends = arm.scales(unit_length), arm.bend_places
     enough = tolerance * float(np.abs(loads).max()) * unit_length
-    while steps < most and float(np.abs(gradient * scale).max()) > enough:
+    while steps < most and float(np.abs(ways.T @ (gradient * scale)).max()) > enough:
         scaled = matrix * np.outer(scale, scale)
         scaled[bends, bends] += (gradient * scale)[bends]  # second derivatives by log(beta)
-        step = _step(scaled, gradient * scale, damping)
+        step = _step(ways.T @ scaled @ ways, ways.T @ (gradient * scale), damping)
         steps += 1
-        moved = arm.moved(step, unit_length) if step is not None else None
+        moved = arm.moved(ways @ step, unit_length) if step is not None else None
         if moved is not None:
             found = moved.derivatives(interactions, loads)
             rounding = 64 * np.finfo(float).eps * (abs(energy) + abs(found[0]))
             if found[0] < energy + rounding:
                 flat = energy - found[0] < rounding
-                if flat and np.linalg.norm(found[1] * scale) >= np.linalg.norm(gradient * scale):
+                if flat and np.linalg.norm(ways.T @ (found[1] * scale)) >= np.linalg.norm(ways.T @ (gradient * scale)):
                     break
                 arm, (energy, gradient, matrix) = moved, found
                 scale = arm.scales(unit_length)
@@ -110,6 +119,15 @@ class _Arm:
         """Derivatives of the coordinates by those that steps are taken in: lengths in segments, and log(beta)."""
         n = len(self.lengths)
         return np.concatenate([np.ones(3), np.full(n, unit_length), self.bends, np.ones(n - 2)])
+
+    def ways(self, clamped: bool) -> Array:
+        """The coordinates that may change, as columns: all, or of the first segment only the turn about itself."""
+        n = len(self.lengths)
+        every = np.eye(3 + n + (n - 1) + (n - 2))
+        if not clamped:
+            return every
+        about = np.concatenate([self.frame[0], np.zeros(len(every) - 3)])
+        return np.column_stack([about, every[:, 4:]])
 
     @property
     def bend_places(self) -> NDArray[np.int64]:

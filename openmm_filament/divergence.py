@@ -162,12 +162,18 @@ def check_heat(
     raise DivergedError(
         f"The run has heated up to {found * to_kelvin:.4g} K by step {step}, its thermostat standing at "
         f"{temperature * to_kelvin:.4g} K: the time step is too long, or the start was far from equilibrium"
-        f"{', or beads under a dihedral have come into line' if lined_up else ''}.",
+        f"{', or beads under a dihedral have come into line' if lined_up else ''}"
+        f"{', or a filament that is pulled and held nowhere has gone off' if _loose(model) else ''}.",
         0,
         "unknown",
         step,
         model.to_physical(positions, "length"),
     )
+
+
+def _loose(model: Model) -> bool:
+    """Whether a filament is pulled and neither held nor trapped."""
+    return any(load.pulls and not load.held and not len(load.traps.beads) for load in model.loads)
 
 
 def diagnose(

@@ -16,7 +16,7 @@ from openmm_filament.articulated import relaxed
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.filament import COLLINEAR, sines
 from openmm_filament.geometry import dot
-from openmm_filament.hessian import free_degrees, hessian, unpivoted
+from openmm_filament.hessian import free_degrees, hessian, loose_bends, unpivoted
 from openmm_filament.model import Model
 
 __all__ = ["Equilibrium", "equilibrium"]
@@ -30,7 +30,7 @@ _ABOVE_FLOOR = 10.0
 """The same, over the rounding floor of the forces."""
 
 _TOO_ROUGH = 1e-3
-"""Ten times the floor over the load, above which the forces say nothing."""
+"""Residual over the load above which nothing is at rest, whatever rounding leaves."""
 
 _COARSE = 1e-4
 """Residual over the load at which a stage of the continuation is left."""
@@ -77,8 +77,8 @@ class Equilibrium:
     floor : float
         What rounding of the coordinates alone leaves of it, kJ/mol/nm, estimated.
     converged : bool
-        Whether the residual is at most 1e-8 of the largest load, or ten times the floor where that is larger; never where
-        ten times the floor is above a thousandth of the load, as beside the singularity of a dihedral.
+        Whether the residual is at most 1e-8 of the largest load, or ten times the floor where that is larger; never above a
+        thousandth of the load, where the floor may be beside the singularity of a dihedral.
     is_minimum : bool
         Whether the Hessian of the free coordinates has no negative eigenvalue beyond rounding (rigid motions left free
         have zero).
@@ -112,14 +112,13 @@ def equilibrium(
     """The static equilibrium of a model under its constant forces, as the load is raised from nothing.
 
     The load is raised in stages, each solved by Newton steps with the exact sparse Hessian, damped until the energy
-    falls; a stage that takes too many steps is divided. An open filament that is bent everywhere and held at bead 0 alone
-    is solved in its lengths, bends and torsions instead, which a nearly straight chain does not make singular (see
-    `articulated`), and then in Cartesian coordinates as any other. A clamped one with dihedrals that is pulled nearly
-    straight may not converge, and `converged` says so. At the full load a saddle is left along the direction in which the
-    energy falls, so that the result is a minimum wherever one was found. Traps act in full from the start. Temperature and
-    plucks play no part. Joints that rest bent without a torsion beside them give way out of their plane at no cost (see
-    `bending.Harmonic`): such a chain turns its bends towards the load, and `lowest_eigenvalue` is zero by them as by rigid
-    motions.
+    falls; a stage that takes too many steps is divided. An open filament that is bent everywhere and held at bead 0 alone,
+    or at beads 0 and 1, is solved in its lengths, bends and torsions instead, which a nearly straight chain does not make
+    singular (see `articulated`), and then in Cartesian coordinates as any other. At the full load a saddle is left along the
+    direction in which the energy falls, so that the result is a minimum wherever one was found. Traps act in full from the
+    start. Temperature and plucks play no part. Joints that rest bent without a torsion beside them give way out of their
+    plane at no cost (see `bending.Harmonic`): such a chain turns its bends towards the load, and `lowest_eigenvalue`
+    is zero by them as by rigid motions.
 
     Parameters
     ----------
@@ -210,10 +209,16 @@ class _Problem:
         self._seen: tuple[Array, Any] | None = None
 
     def is_arm(self, x: Array) -> bool:
-        """Whether this is one open filament, pulled, held at bead 0 alone and bent everywhere."""
+        """Whether this is one open filament, pulled, held at bead 0 or at beads 0 and 1 alone, and bent everywhere."""
         model = self.model
         filament, load = model.filaments[0], model.loads[0]
-        if len(model.filaments) > 1 or filament.closed or model.planar or load.held != [0] or not self.load:
+        if (
+            len(model.filaments) > 1
+            or filament.closed
+            or model.planar
+            or sorted(load.held) not in ([0], [0, 1])
+            or not self.load
+        ):
             return False
         if any(interaction.term.span == 1 for interaction in model.interactions):  # traps and contact
             return False
@@ -221,21 +226,26 @@ class _Problem:
 
     def led_on(self, x: Array, share: float, most: int) -> tuple[Array, int]:
         """An arm at rest under a part of the load, led on to half of the full one by doubling: positions, steps left."""
-        model, left = self.model, most
+        left = most
         while 0 < share < _HALF and left > 0:
             share *= 2
-            found, steps = relaxed(self.whole(x), model.interactions, share * model.pulls, most=left, tolerance=_COARSE)
+            found, steps = self.as_arm(x, share, left, _COARSE)
             x, left = found[self.free], left - steps
         return x, left
+
+    def as_arm(self, x: Array, share: float, most: int, tolerance: float) -> tuple[Array, int]:
+        """Positions (N, 3) of least energy under a part of the load, in the coordinates of an arm, and the steps taken."""
+        model = self.model
+        clamped = len(model.loads[0].held) == 2
+        return relaxed(
+            self.whole(x), model.interactions, share * model.pulls, most=most, tolerance=tolerance, clamped=clamped
+        )
 
     def settle(self, x: Array, most: int) -> tuple[Array, int, bool]:
         """At rest under the full load: the positions, the steps left, and whether they converged."""
         left = most
         if self.is_arm(x):
-            model = self.model
-            positions, steps = relaxed(
-                self.whole(x), model.interactions, model.pulls, most=left, tolerance=_RESIDUAL / 10
-            )
+            positions, steps = self.as_arm(x, 1.0, left, _RESIDUAL / 10)
             x, left = positions[self.free], left - steps
         x, steps, converged = self.relax(x, 1.0, _RESIDUAL, max(left, 1))
         return x, max(left - steps, 0), converged
@@ -306,9 +316,9 @@ class _Problem:
     def goal(self, x: Array, share: float, relative: float) -> float:
         """The residual at which x counts as in equilibrium."""
         load, floor = share * self.load, _ABOVE_FLOOR * self.floor(x)
-        if not load:
-            return floor
-        return max(relative * load, floor if floor < _TOO_ROUGH * load else 0.0)
+        if not load or share < 1:  # on the way any rest will do that rounding allows
+            return max(relative * load, floor)
+        return max(relative * load, min(floor, _TOO_ROUGH * load))
 
     def _step(self, x: Array, energy: float, force: Array, share: float) -> tuple[Array, float, Array] | None:
         """One step that lowers the energy, or, where rounding hides that, the residual; None where none does."""
@@ -406,6 +416,11 @@ class _Problem:
             f"(load {self.load * force:.3g}, rounding floor {floor:.3g}), "
             f"{'a minimum' if minimum else 'NOT a minimum'}: the lowest eigenvalue of the Hessian is {lowest:.2g} of the largest."
         )
+        if loose := len(loose_bends(model)):
+            message += (
+                f" {loose} joints rest bent without a torsion and turn out of their plane at no cost: give the filament a "
+                "torsion, or loads.Plane() to keep it in its plane."
+            )
         return Equilibrium(
             model.to_physical(positions, "length"),
             energies,

@@ -359,3 +359,14 @@ def test_a_chain_at_rest_is_not_stopped_for_the_rounding_of_nothing() -> None:
         simulation.context.setPositions(model.positions)
         simulation.reporters.append(of.watch(model, 1))
         simulation.step(500)
+
+
+def test_a_filament_that_nothing_holds_is_named_where_it_heats_up() -> None:
+    line = of.Filament(of.shapes.line(4, 1 * NM), 1 * unit.dalton, (stretching.Harmonic(100 * KJ / NM**2),))
+    pull = of.loads.Pull(-1, (0, 0, 1) * KJ / NM)
+    fast = np.full((5, 3), 100.0)
+    for loads, told in (([pull], True), ([Hold(0), pull], False)):
+        model = of.build(line, loads)
+        with pytest.raises(DivergedError) as caught:
+            check_heat(model, model.positions._value, fast, 300, 1)
+        assert ("held nowhere has gone off" in str(caught.value)) == told

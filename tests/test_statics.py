@@ -244,6 +244,7 @@ def test_a_ring_held_at_one_bead_comes_to_rest_away_from_it(beads: int, force: t
     found = of.equilibrium(model, most_steps=1000)
     assert found.converged
     assert found.is_minimum
+    assert f"{beads} joints rest bent without a torsion" in found.message
     x = found.positions.value_in_unit(NM)
     along = np.array(force) / np.linalg.norm(force)
     reach = x[beads // 2] - x[0]
@@ -263,3 +264,25 @@ def test_equilibrium_refuses_what_is_no_shape() -> None:
         of.equilibrium(of.build(of.Filament([[0, 0, 0]] * NM, 1 * unit.dalton, ())))
     with pytest.raises(ValueError, match="`stages` must be at most"):
         of.equilibrium(model, stages=10**400)
+
+
+@pytest.mark.parametrize("ratio", [1e6, 1e7, 1e8])
+@pytest.mark.parametrize("load", [0.1, 10.0, 1000.0])
+@pytest.mark.parametrize("shape", ["helix", "clamped helix", "clamped rod"])
+def test_bonds_a_hundred_million_times_stiffer_than_joints(shape: str, load: float, ratio: float) -> None:
+    """Coiled to all but straight: at rest to rounding, by OpenMM's own forces where these are no coarser."""
+    terms = [of.stretching.Harmonic(100 * ratio * KJ / NM**2), of.bending.Harmonic(100 * KJ)]
+    if "helix" in shape:
+        rest, direction = of.shapes.helix(30, radius=2 * NM, pitch=3 * NM, turns=3), (0, 0, load)
+        terms.append(of.torsion.Harmonic(100 * KJ))
+    else:
+        rest, direction = of.shapes.line(30, 1 * NM), (0, load, 0)
+    hold = Hold([0, 1] if "clamped" in shape else 0)
+    chain = of.Filament(rest, 1 * unit.dalton, tuple(terms))
+    found = of.equilibrium(of.build(chain, [hold, Pull(-1, direction * unit.piconewton)]), most_steps=1000)
+    assert found.converged, found.message
+    assert found.is_minimum
+    x = found.positions.value_in_unit(NM)
+    assert np.linalg.norm(np.diff(x, axis=0), axis=1) == pytest.approx(
+        np.linalg.norm(np.diff(rest.value_in_unit(NM), axis=0), axis=1), rel=load / ratio
+    )
