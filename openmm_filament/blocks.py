@@ -186,7 +186,7 @@ def _begin(block: Block, model: Model, context: mm.Context) -> None:
     rng = np.random.default_rng(block.seed)
     starts = equilibrium_starts(block.filament, block.force, block.temperature, block.replicas, rng, block.dimension)
     if "contact" in model.groups:  # replicas in one System must not meet
-        reach = 2 * float(np.linalg.norm(np.diff(starts, axis=1), axis=-1).sum(axis=1).max())
-        starts[:, :, 1] += 2 * reach * np.arange(block.replicas)[:, None]
+        longest = float(np.linalg.norm(np.diff(starts, axis=1), axis=-1).sum(axis=1).max())
+        starts[:, :, 1] += 4 * longest * np.arange(block.replicas)[:, None]
     context.setPositions(starts.reshape(-1, 3) / model.scale.length)
     context.setVelocitiesToTemperature(block.temperature / model.scale.factor("temperature"), block.seed)

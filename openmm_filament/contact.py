@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self, final
+from typing import Self, final
 
 import numpy as np
 import openmm as mm
@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from openmm import unit
 
 from openmm_filament import _checks as check
-from openmm_filament import units
-from openmm_filament._term import Array, Interaction, Parameters, Term
+from openmm_filament._term import Array, Interaction, Parameters, Term, per_element
 from openmm_filament.geometry import dot, segments
 
-__all__ = ["Crowd", "Overlap", "Repulsion", "openmm_force", "refuse"]
+__all__ = ["Crowd", "Overlap", "Repulsion", "crowd_of", "openmm_force", "refuse"]
 
 _HAIRPIN = math.pi / 2
 """Contour distance over the diameter up to which beads of one chain are neighbours: a wire that turns back on itself has
@@ -86,21 +85,14 @@ class Repulsion(Overlap):
 
     def parameters(self, rest: Array, closed: bool) -> dict[str, Array]:
         return {
-            "k": _per_bead("stiffness", self.stiffness, "stiffness", len(rest)),
-            "d": _per_bead("diameter", self.diameter, "length", len(rest)),
+            "k": per_element("stiffness", self.stiffness, "stiffness", rest, 1, closed, check.positive),
+            "d": per_element("diameter", self.diameter, "length", rest, 1, closed, check.positive),
         }
 
     def bind(self, rest: Array, closed: bool) -> Interaction:
         parameters = self.parameters(rest, closed)
         beads = np.arange(len(rest))[:, None]
         return Crowd(type(self), beads, parameters, _near(rest, parameters["d"], closed))
-
-
-def _per_bead(name: str, value: Any, dimension: str, beads: int) -> Array:
-    values = check.positive(name, units.numbers(name, value, dimension))
-    if values.ndim:
-        check.shape(name, values, (beads,))
-    return np.array(np.broadcast_to(values, (beads,)))
 
 
 def _near(rest: Array, diameters: Array, closed: bool) -> NDArray[np.int64]:
@@ -156,9 +148,14 @@ class Crowd(Interaction):
         return replace(whole, near=near)  # type: ignore[call-arg]
 
 
+def crowd_of(interactions: Sequence[Interaction]) -> Crowd | None:
+    """The beads of a filament or model that repel; there is one crowd at most."""
+    return next((interaction for interaction in interactions if isinstance(interaction, Crowd)), None)
+
+
 def refuse(name: str, interactions: Sequence[Interaction], where: str) -> None:
     """ValueError where replicas that lie in one place, in one System, would repel one another."""
-    if any(isinstance(interaction, Crowd) for interaction in interactions):
+    if crowd_of(interactions) is not None:
         raise ValueError(
             f"Argument `{name}` must have no contact.Repulsion {where}, whose replicas share one place in one System, "
             "but has: build a model of your own, its replicas apart."

@@ -59,13 +59,15 @@ def loose_bends(model: Model) -> Array:
 
 
 def product(interactions: Sequence[Interaction], positions: Array, direction: Array) -> Array:
-    """The Hessian of these terms times a displacement (N, 3), exact to rounding, without the matrix; internal units."""
+    """The Hessian of these terms times a displacement (N, 3), exact to rounding, without the matrix; internal units.
+
+    Contact is given as the pairs in reach at these positions (`Interaction.at`), found once for many products.
+    """
     total: Array = np.zeros_like(positions)
     moved = positions + 1j * _STEP * direction
     for interaction in interactions:
-        here = interaction.at(positions)
-        slopes = np.imag(here.term.gradient(moved[here.beads], here.parameters)) / _STEP
-        total += here.summed(slopes, len(positions))
+        slopes = np.imag(interaction.term.gradient(moved[interaction.beads], interaction.parameters)) / _STEP
+        total += interaction.summed(slopes, len(positions))
     return total
 
 

@@ -13,6 +13,7 @@ from openmm import unit
 
 from openmm_filament import units
 from openmm_filament._term import Interaction
+from openmm_filament.contact import crowd_of
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.filament import COLLINEAR
 from openmm_filament.force_agreement import check_forces
@@ -142,21 +143,21 @@ def _check_contact(model: Model, context: mm.Context | None, x: Array) -> None:
     """Refuse chains that could pass through one another, and beads in one place; warn of deep overlaps."""
     if reason := reason_to_refuse(model, context, x):
         raise PreflightError(reason)
-    for interaction in model.interactions:
-        if interaction.term.family != "contact" or not len((here := interaction.at(x)).beads):
-            continue
-        distances = np.linalg.norm(x[here.beads[:, 1]] - x[here.beads[:, 0]], axis=-1)
-        worst = int(np.argmin(distances / here.parameters["d"]))
-        depth = 1 - float(distances[worst] / here.parameters["d"][worst])
-        where = " and ".join(describe_bead(model, bead) for bead in here.beads[worst])
-        if depth == 1:
-            raise PreflightError(f"Beads in contact must not coincide, but {where} do.")
-        if depth > _DEEP:
-            warnings.warn(
-                f"Beads in contact overlap by {depth:.2g} of their diameter, {where} the most: they will spring apart.",
-                PreflightWarning,
-                stacklevel=3,
-            )
+    crowd = crowd_of(model.interactions)
+    if crowd is None or not len((here := crowd.at(x)).beads):
+        return
+    distances = np.linalg.norm(x[here.beads[:, 1]] - x[here.beads[:, 0]], axis=-1)
+    worst = int(np.argmin(distances / here.parameters["d"]))
+    depth = 1 - float(distances[worst] / here.parameters["d"][worst])
+    where = " and ".join(describe_bead(model, bead) for bead in here.beads[worst])
+    if depth == 1:
+        raise PreflightError(f"Beads in contact must not coincide, but {where} do.")
+    if depth > _DEEP:
+        warnings.warn(
+            f"Beads in contact overlap by {depth:.2g} of their diameter, {where} the most: they will spring apart.",
+            PreflightWarning,
+            stacklevel=3,
+        )
 
 
 def _warn_of_cones(model: Model, interaction: Interaction, x: Array) -> None:

@@ -147,10 +147,7 @@ def calm(integrator: Any, model: Model) -> None:
         return
     if model.planar:  # the CustomIntegrator of `_planar_langevin`
         mild = [integrator.getGlobalVariableByName(name) for name in ("keep", "noise")]
-        strong = (
-            math.exp(-CALM[0]),
-            math.sqrt(-math.expm1(-2 * CALM[0]) * integrator.getGlobalVariableByName(_THERMAL_ENERGY)),
-        )
+        strong = _kept_and_added(CALM[0], integrator.getGlobalVariableByName(_THERMAL_ENERGY))
         for values, steps in ((strong, CALM[1]), (mild, 0)):
             for name, value in zip(("keep", "noise"), values, strict=True):
                 integrator.setGlobalVariableByName(name, value)
@@ -318,11 +315,17 @@ def _add_mask(integrator: Any, model: Model) -> None:
     integrator.setPerDofVariableByName("mask", [(1.0, 1.0, 0.0)] * int(model.starts[-1]))
 
 
+def _kept_and_added(friction: float, kt: float) -> tuple[float, float]:
+    """The part of a velocity that a step of this friction (per step) keeps, and the noise at kt for a mass of one."""
+    return math.exp(-friction), math.sqrt(-math.expm1(-2 * friction) * kt)
+
+
 def _planar_langevin(model: Model, temperature: float, friction: float, dt: float) -> mm.CustomIntegrator:
     """LangevinMiddle's splitting (Zhang et al., J. Phys. Chem. A 2019) in the first two coordinates."""
     integrator = mm.CustomIntegrator(dt)
-    integrator.addGlobalVariable("keep", math.exp(-friction * dt))
-    integrator.addGlobalVariable("noise", math.sqrt(-math.expm1(-2 * friction * dt) * units.BOLTZMANN * temperature))
+    keep, noise = _kept_and_added(friction * dt, units.BOLTZMANN * temperature)
+    integrator.addGlobalVariable("keep", keep)
+    integrator.addGlobalVariable("noise", noise)
     integrator.addGlobalVariable(_THERMAL_ENERGY, units.BOLTZMANN * temperature)  # only read: by `temperature_of`
     _add_mask(integrator, model)
     integrator.addUpdateContextState()

@@ -71,7 +71,7 @@ def barrier(model: Model, positions: unit.Quantity | None = None) -> Barrier | N
 
 
 def _weakest(model: Model, x: Array) -> tuple[float, float, float, float] | None:
-    crowd = _crowd(model)
+    crowd = contact.crowd_of(model.interactions)
     if crowd is None:
         return None
     members = crowd.beads[:, 0]
@@ -83,10 +83,6 @@ def _weakest(model: Model, x: Array) -> tuple[float, float, float, float] | None
     springs = [i.parameters["k"] for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
     stretching = min((float(k.min()) for k in springs), default=0.0)
     return spacing, float(crowd.parameters["d"].min()), float(crowd.parameters["k"].min()), stretching
-
-
-def _crowd(model: Model) -> contact.Crowd | None:
-    return next((i for i in model.interactions if isinstance(i, contact.Crowd) and len(i.beads)), None)
 
 
 @lru_cache(maxsize=256)

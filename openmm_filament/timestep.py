@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy.linalg import eigvalsh_tridiagonal
 from openmm_filament import _checks as check
 from openmm_filament import units
 from openmm_filament._term import Interaction
+from openmm_filament.contact import crowd_of
 from openmm_filament.evaluation import internal_positions
 from openmm_filament.geometry import bending_angles
 from openmm_filament.hessian import free_degrees, product
@@ -53,38 +54,34 @@ def stable_timestep(model: Model, positions: unit.Quantity | None = None) -> uni
 
 def highest_frequency(model: Model, positions: Array, *, apart: bool = False) -> float:
     """omega_max in internal units at internal positions (N, 3); `apart` where beads that overlap there will not in a run."""
-    squared = _highest_squared(model, _off_the_cones(model, positions), with_contact=False) + _pressed(model)
-    if not apart and any(len(interaction.at(positions).beads) for interaction in _crowds(model)):
-        squared = max(squared, _highest_squared(model, _off_the_cones(model, positions), with_contact=True))
+    if not free_degrees(model).any() or not any(len(interaction.beads) for interaction in model.interactions):
+        raise ValueError(
+            "Argument `model` must have a free bead and a term that acts on it to have a stable time step."
+        )
+    shape = _off_the_cones(model, positions)
+    crowd = crowd_of(model.interactions)
+    bonded = [interaction for interaction in model.interactions if interaction is not crowd]
+    squared = _highest_squared(model, shape, bonded) if bonded else 0.0
+    if crowd is not None:
+        squared += _pressed(model, crowd)
+        if not apart and len((touching := crowd.at(shape)).beads):
+            squared = max(squared, _highest_squared(model, shape, [*bonded, touching]))
     if not squared > 0:
         raise ValueError("Argument `model` must resist some displacement to have a stable time step, but does not.")
     return math.sqrt(squared)
 
 
-def _crowds(model: Model) -> list[Interaction]:
-    return [interaction for interaction in model.interactions if interaction.term.family == "contact"]
-
-
-def _pressed(model: Model) -> float:
+def _pressed(model: Model, crowd: Interaction) -> float:
     """omega^2 that contact may add, whether or not there is any yet: beads pressed from both sides, 4 k/m."""
-    bounds = [4 * i.parameters["k"] / model.masses[i.beads[:, 0]] for i in _crowds(model)]
-    return max((float(values.max(initial=0.0)) for values in bounds), default=0.0)
+    return float((4 * crowd.parameters["k"] / model.masses[crowd.beads[:, 0]]).max())
 
 
-def _highest_squared(model: Model, positions: Array, *, with_contact: bool) -> float:
-    """omega_max^2 of the terms at these positions, with or without the contacts there."""
+def _highest_squared(model: Model, positions: Array, acting: Sequence[Interaction]) -> float:
+    """omega_max^2 of these terms at these positions."""
     masses = model.masses
-    acting = [i for i in model.interactions if with_contact or i.term.family != "contact"]
     free = free_degrees(model)
     if model.planar and np.ptp(positions[:, 2]) > 1e-9 * np.ptp(positions):
         free[:, 2] = free[:, 0]  # a shape out of the plane may turn into it: then what is stiff in z will count
-    degrees = int(free.sum())
-    if not acting and degrees and model.interactions:
-        return 0.0
-    if not degrees or not any(len(interaction.beads) for interaction in acting):
-        raise ValueError(
-            "Argument `model` must have a free bead and a term that acts on it to have a stable time step."
-        )
     weights = (1 / np.sqrt(np.broadcast_to(masses[:, None], positions.shape)))[free]
 
     def apply(vector: Array) -> Array:
@@ -92,7 +89,7 @@ def _highest_squared(model: Model, positions: Array, *, with_contact: bool) -> f
         moved[free] = weights * vector
         return np.asarray(weights * product(acting, positions, moved)[free])
 
-    return _largest_eigenvalue(apply, degrees)
+    return _largest_eigenvalue(apply, int(free.sum()))
 
 
 def _off_the_cones(model: Model, positions: Array) -> Array:
