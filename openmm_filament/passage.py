@@ -101,9 +101,7 @@ def crossing_energy(spacing: float, diameter: float, stiffness: float, stretchin
     number = np.arange(-_REACH, _REACH + 2)
 
     def energy(where: Array) -> float:
-        p, q, *gaps = (
-            where  # offsets of the crossing from the bonds' middles and openings of the bonds, over the spacing
-        )
+        p, q, *gaps = where  # offsets of the crossing from the bonds' middles, and their openings, over the spacing
         u, v = (
             spacing * (number - 0.5 - offset + gap * (np.where(number > 0, 0.5, -0.5)))
             for offset, gap in zip((p, q), gaps, strict=True)
