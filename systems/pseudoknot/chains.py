@@ -119,13 +119,14 @@ class Wire:
 
     def filament(self, rest: Array) -> of.Filament:
         """The chain with stretching, bending, torsion (of a helix) and contact, its shape standing as `rest` (N, 3), m."""
-        length = self.segment_length()
-        shear = self.shear_modulus * unit.pascal if self.hand else None
         rod = of.rod_terms(
-            self.youngs_modulus * unit.pascal, shear, self.thickness / 2 * unit.meter, length * unit.meter
+            self.youngs_modulus * unit.pascal,
+            self.shear_modulus * unit.pascal if self.hand else None,
+            self.thickness / 2 * unit.meter,
+            self.segment_length() * unit.meter,
+            contact=True,
         )
-        contact = of.contact.Repulsion(self.thickness * unit.meter, self.stretching() * unit.newton / unit.meter)
-        return of.Filament(rest * unit.meter, self.bead_mass() * unit.kilogram, (*rod, contact))
+        return of.Filament(rest * unit.meter, self.bead_mass() * unit.kilogram, rod)
 
 
 def start_gap(lower: Wire, upper: Wire) -> float:
