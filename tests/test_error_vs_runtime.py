@@ -177,6 +177,16 @@ def test_growth_is_flat_or_not_and_platforms_cross() -> None:
     assert made.least <= made.ns_per_bead_step <= made.most
 
 
+def test_turns_of_a_measurement_become_one_row() -> None:
+    turns = [
+        growth.Row("size", 100, "CPU", growth.WHOLE, 2, 1, ns, ns - 1, ns + 1, build)
+        for ns, build in ((300.0, 0.1), (500.0, 0.3), (320.0, 0.2))
+    ]
+    one = growth._together(turns)
+    assert (one.ns_per_bead_step, one.least, one.most, one.build_seconds) == (320.0, 299.0, 501.0, 0.2)
+    assert (one.platform, one.workers, one.beads) == ("CPU", 2, 100)
+
+
 def test_lines_of_masses_converge_and_the_default_is_the_systems_own() -> None:
     lines, _ = masses.mass_spring_studies(quick=True)
     default = lines.default

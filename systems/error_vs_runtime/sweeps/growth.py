@@ -7,7 +7,7 @@ import math
 import resource
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -43,6 +43,9 @@ FLAT = 0.15
 
 _SPEND = 0.08
 """Seconds of one timing."""
+
+_LARGE = 30_000
+"""Beads up to which a model is built anew for each of its turns."""
 
 
 @dataclass(frozen=True)
@@ -149,43 +152,67 @@ def _opened(beads: int) -> tuple[of.Model, mm.Context]:
 
 def expected(*, quick: bool) -> float:
     """Seconds that all measurements are expected to take."""
-    return 20.0 if quick else 100.0
+    return 30.0 if quick else 180.0
 
 
-def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
-    """All measurements, the small ones first."""
-    repeats = 3 if quick else 5
+def _jobs(*, quick: bool) -> list[tuple[int, Callable[[int], Row]]]:
+    """What is measured, each taking so many timings at once, with its beads."""
     sizes = [10, 30, 100, 1000, 10_000, 30_000] if quick else [10, 30, 100, 300, 1000, 10_000, 100_000, 1_000_000]
     cores = available_workers(None)
-    jobs: list[Callable[[], Row]] = []
+    jobs: list[tuple[int, Callable[[int], Row]]] = []
     for platform in available():
         few = [n for n in sizes if n in ({10_000} if quick else {100, 1000, 10_000, 100_000})]
         for threads in {1, cores} if platform == "CPU" else {1}:
             jobs += [
-                partial(timed, beads, WHOLE, platform, repeats, threads=threads, kind="size")
+                (beads, partial(timed, beads, WHOLE, platform, threads=threads, kind="size"))
                 for beads in (few if platform == "OpenCL" else sizes)
             ]
-    jobs += [partial(timed, 1000, name, "Reference", repeats, kind="term") for name in TERMS]
-    jobs += [partial(timed, 20, "+ bending", "Reference", repeats, replicas=n, kind="replicas") for n in (1, 4, 16, 64)]
-    rows = []
-    for i, job in enumerate(jobs):
-        rows.append(job())
-        progress((i + 1) / (len(jobs) + 2))
-    for workers in sorted({1, cores}):
-        finished = run_all(_process, [(20, 16, repeats)] * workers, workers, None)
-        each = [value for value in finished if value is not None]
-        # so many processes at once do so many times the work
-        whole = median(each) / workers
-        rows.append(
-            Row("processes", 20, "Reference", "+ bending", workers, 16, whole, min(each) / workers, max(each) / workers)
-        )
-    for beads in sizes[-1:]:
-        (found,) = run_all(_memory, [beads], 1, None)
+    jobs += [(1000, partial(timed, 1000, name, "Reference", kind="term")) for name in TERMS]
+    jobs += [
+        (20 * n, partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas")) for n in (1, 4, 16, 64)
+    ]
+    jobs += [(320, partial(_processes, workers)) for workers in sorted({1, cores})]
+    return jobs
+
+
+def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
+    """All measurements: the small ones in turns, so that what else the machine does falls on all of them; the large ones once."""
+    rounds = 3 if quick else 5
+    jobs = _jobs(quick=quick)
+    turns = [i for _ in range(rounds) for i, (beads, _) in enumerate(jobs) if beads <= _LARGE]
+    turns += [i for i, (beads, _) in enumerate(jobs) if beads > _LARGE]
+    found: list[list[Row]] = [[] for _ in jobs]
+    for done, i in enumerate(turns):
+        beads, job = jobs[i]
+        found[i].append(job(1 if beads <= _LARGE else rounds))
+        progress(done / (len(turns) + 1))
+    rows = [_together(each) for each in found]
+    largest = max(beads for beads, _ in jobs)
+    (memory,) = run_all(_memory, [largest], 1, None)
+    if memory is not None:
         nothing = math.nan
-        if found is not None:
-            rows.append(Row("memory", beads, "Reference", WHOLE, 1, 1, nothing, nothing, nothing, bytes_per_bead=found))
+        rows.append(Row("memory", largest, "Reference", WHOLE, 1, 1, nothing, nothing, nothing, bytes_per_bead=memory))
     progress(1.0)
     return Growth(rows)
+
+
+def _processes(workers: int, repeats: int) -> Row:
+    """So many processes at once, each with 16 replicas of 20 beads: they do so many times the work."""
+    lasting = 12 * repeats  # a second, beside which it matters little that one begins before the other
+    finished = run_all(_process, [(20, 16, lasting)] * workers, workers, None)
+    each = [value / workers for value in finished if value is not None]
+    return Row("processes", 20, "Reference", "+ bending", workers, 16, median(each), min(each), max(each))
+
+
+def _together(turns: list[Row]) -> Row:
+    """One row of those of its turns."""
+    return replace(
+        turns[0],
+        ns_per_bead_step=median(row.ns_per_bead_step for row in turns),
+        least=min(row.least for row in turns),
+        most=max(row.most for row in turns),
+        build_seconds=median(row.build_seconds for row in turns),
+    )
 
 
 def flatness(rows: list[Row]) -> float:
