@@ -138,8 +138,7 @@ class Trap(Load):
     """A harmonic trap on a bead: energy `k/2 |r - r0|^2`, the force read from it `k (r0 - r)`.
 
     It can be moved while it runs, without building again: `move_trap`, or the Context parameters `trap0_x`, `trap0_y`
-    and `trap0_z`, its displacement in internal units. Traps are numbered as they stand among the loads of a filament;
-    those of one number in several filaments move together.
+    and `trap0_z`, its displacement in internal units. Traps of one number move together, also those of several filaments.
 
     Parameters
     ----------
@@ -148,11 +147,14 @@ class Trap(Load):
         k, energy/length^2, not negative, one number or (3,) along x, y and z; not zero along all.
     position : Quantity
         r0, the centre of the trap, (3,).
+    number : int, optional
+        Not negative; by default its place among the traps of its filament.
     """
 
     bead: int
     stiffness: unit.Quantity
     position: unit.Quantity
+    number: int | None = None
 
     def __post_init__(self) -> None:
         k = check.non_negative("stiffness", units.numbers("stiffness", self.stiffness, "stiffness"))
@@ -161,6 +163,8 @@ class Trap(Load):
         if not k.any():
             raise check.fail("stiffness", "be positive along an axis", k)
         check.finite("position", check.shape("position", units.numbers("position", self.position, "length"), (3,)))
+        if self.number is not None:
+            check.integer("number", self.number, low=0)
         object.__setattr__(self, "stiffness", units.frozen_copy(self.stiffness))
         object.__setattr__(self, "position", units.frozen_copy(self.position))
 
@@ -179,6 +183,8 @@ class Loads:
         Zero where there is none.
     traps : Interaction
         In the order of the loads, in kJ/mol/nm^2 and nm.
+    trap_numbers : tuple of int
+        Of each of the traps.
     """
 
     held: list[int]
@@ -188,6 +194,7 @@ class Loads:
     letting_go: float = 0.0
     tension: float = 0.0
     traps: Interaction = field(default_factory=lambda: traps.interaction([], [], []))
+    trap_numbers: tuple[int, ...] = ()
 
     def energies(self, positions: NDArray[np.float64]) -> dict[str, float]:
         """Energies of "pull", "pluck" and "trap" in kJ/mol, where there are any, for positions (N, 3) in nm."""
@@ -247,6 +254,7 @@ def resolve(loads: Any, beads: int) -> Loads:
     plucks: dict[int, NDArray[np.float64]] = {}
     letting_go: set[float] = set()
     trapped: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
+    numbers: list[int] = []
     plane = False
     tension = 0.0
     if isinstance(loads, Load):
@@ -267,6 +275,7 @@ def resolve(loads: Any, beads: int) -> Loads:
             case Trap():
                 stiffness = np.broadcast_to(units.numbers("stiffness", load.stiffness, "stiffness"), 3)
                 centre = units.numbers("position", load.position, "length")
+                numbers.append(len(trapped) if load.number is None else load.number)
                 trapped.append((check.index("Trap.bead", load.bead, beads), stiffness, centre))
             case Tension():
                 tension += units.number("tension", load.tension, "force")
@@ -278,7 +287,7 @@ def resolve(loads: Any, beads: int) -> Loads:
     if len(letting_go) > 1:
         raise ValueError(f"Argument `loads` must let all plucks go together, but has {sorted(letting_go)} ps.")
     in_traps = traps.interaction(*([row[i] for row in trapped] for i in range(3)))
-    return Loads(list(held), pulls, plane, plucks, max(letting_go, default=0.0), tension, in_traps)
+    return Loads(list(held), pulls, plane, plucks, max(letting_go, default=0.0), tension, in_traps, tuple(numbers))
 
 
 def _check_free(held: dict[int, None], **acting: dict[int, NDArray[np.float64]]) -> None:

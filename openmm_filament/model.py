@@ -118,8 +118,8 @@ class Model:
 
     @cached_property
     def trap_numbers(self) -> NDArray[np.int64]:
-        """The number, among the traps of its filament, of each of the model's traps."""
-        return np.concatenate([np.arange(len(load.traps.beads)) for load in self.loads])
+        """The number of each of the model's traps, filament by filament: those of one number move together."""
+        return np.array([number for load in self.loads for number in load.trap_numbers], dtype=np.int64)
 
     @property
     def letting_go(self) -> float:

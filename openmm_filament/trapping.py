@@ -21,7 +21,7 @@ def move_trap(model: Model, context: mm.Context, displacement: unit.Quantity, tr
     displacement : Quantity
         Length, (3,), from where the trap was built: set, not added to what was set before.
     trap : int
-        Its number among the traps of its filament; in several filaments those of one number move together.
+        Its number, by default its place among the traps of its filament; those of one number move together.
 
     Raises ValueError for a number that the model has no trap of.
     """
@@ -52,4 +52,5 @@ def trap_forces(model: Model, context: mm.Context, trap: int = 0) -> unit.Quanti
 
 def _known(model: Model, trap: int) -> None:
     if check.integer("trap", trap, low=0) not in model.trap_numbers:
-        raise check.fail("trap", f"be the number of a trap of the model, which has {len(model.trap_numbers)}", trap)
+        numbers = ", ".join(map(str, np.unique(model.trap_numbers))) or "it has none"
+        raise check.fail("trap", f"be the number of a trap of the model ({numbers})", trap)

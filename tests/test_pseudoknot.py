@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from openmm import unit
 from scipy.spatial.transform import Rotation
 
 import openmm_filament as of
 from systems import __main__ as command
-from systems.pseudoknot import judgement, plan, rows
+from systems.pseudoknot import hands, judgement, plan, rows
 from systems.pseudoknot.chains import Wire
 from systems.pseudoknot.poses import Pose, drawn
 from systems.pseudoknot.runs import Result, run
@@ -28,6 +29,25 @@ def test_a_pose_is_a_turn_then_tilts_then_a_shift() -> None:
     pose = Pose(0.7, (1e-3, -2e-3), (0.1, -0.2))
     turned = Rotation.from_euler("zxy", [0.7, 0.1, -0.2]).apply(shape)  # about fixed axes, z first
     np.testing.assert_allclose(pose.placed(shape), turned + np.array([1e-3, -2e-3, 0.0]), atol=1e-18)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, math.pi / 2])
+def test_axes_cross_at_the_angle_where_the_two_coils_have_most_in_common(angle: float) -> None:
+    case = plan.Case("", "", crossing=angle)
+    drawn_task = plan.task(case, 1.0, drawn(12, 2, shift=1e-3, tilt=0.1), 1)
+    pose = plan.task(case, 1.0, (Pose(),), 1).poses[0]
+    axis = np.outer(np.linspace(0, plan.BASE.height, 11), [0, 0, 1.0])
+    placed = pose.placed(axis)
+    along = (placed[-1] - placed[0]) / plan.BASE.height
+    assert along @ [0, 0, 1] == pytest.approx(math.cos(angle))
+    upper_end = np.array(drawn_task.place) + drawn_task.making.along  # foot of the upper chain, screwed in
+    shared = upper_end[2] + plan.OVERLAP * plan.BASE.pitch / 2
+    np.testing.assert_allclose(
+        placed[0] + along * (plan.BASE.height - plan.OVERLAP * plan.BASE.pitch / 2), [0, 0, shared], atol=1e-15
+    )
+    for pair in drawn_task.start()[:-1]:  # nothing touches before the hand moves
+        below, above = np.split(pair, 2)
+        assert np.linalg.norm(below[:, None] - above[None], axis=-1).min() > plan.BASE.thickness
 
 
 def test_drawn_poses_fill_their_discs_and_repeat_with_the_seed() -> None:
@@ -79,7 +99,7 @@ def test_an_ideal_knot_links_once_a_turn_and_a_mirrored_one_the_other_way_round(
 def knot() -> Result:
     """One pair and one out of reach, at a fast speed."""
     case = plan.Case("two helices", "main", rest=0.3)
-    return run(plan.task(case, 2.0, (Pose(phase=4.0),), 5, film=True))
+    return run([plan.task(case, 2.0, (Pose(phase=4.0),), 5, film=True)])[0]
 
 
 def test_a_knot_is_made_holds_and_comes_apart(knot: Result) -> None:
@@ -101,14 +121,14 @@ def test_its_energies_balance(knot: Result) -> None:
 
 def test_friction_that_is_forgotten_breaks_the_balance(knot: Result) -> None:
     for phase in (knot.making, knot.breaking):
-        assert abs(replace(phase, lost=0.9 * phase.lost).misfit) > judgement.CLOSES
+        assert abs(replace(phase, whole_lost=0.7 * phase.whole_lost).misfit) > judgement.CLOSES
 
 
 def test_the_work_is_that_of_the_recorded_force(knot: Result) -> None:
     phase, way = knot.breaking, knot.task.breaking
     path = np.outer(phase.parts, way.along)
     summed = np.einsum("knc,kc->n", phase.force[1:], np.diff(path, axis=0))  # one in eight of the forces that did it
-    np.testing.assert_allclose(summed, phase.work[-1], rtol=0.02, atol=1e-3 * plan.BASE.energy)
+    np.testing.assert_allclose(summed, phase.work[-1], rtol=0.02, atol=5e-3 * plan.BASE.energy)
 
 
 def test_the_linking_integral_is_that_of_the_film(knot: Result) -> None:
@@ -116,6 +136,44 @@ def test_the_linking_integral_is_that_of_the_film(knot: Result) -> None:
     frames = knot.making.frames[::20]
     found = of.analysis.linking(frames[:, :first], frames[:, first:])
     np.testing.assert_allclose(found, knot.making.link[::20, 0], atol=1e-12)
+
+
+def test_tasks_in_one_context_do_what_each_does_alone() -> None:
+    alone = [
+        plan.task(plan.Case("a", "way", held=True, rest=0.05, breaking="side"), 0.3, (), 1),
+        plan.task(plan.Case("b", "way", making="push", held=True, rest=0.05, breaking="side"), 0.3, (), 2),
+    ]  # a chain each, out of reach of its lower one: nothing to be chaotic about
+    for separate, together in zip([run([task])[0] for task in alone], run(alone), strict=True):
+        for name in ("making", "resting", "breaking"):
+            one, other = getattr(separate, name), getattr(together, name)
+            np.testing.assert_allclose(other.work[-1], one.work[-1], rtol=1e-6)
+            np.testing.assert_allclose(other.lost[-1], one.lost[-1], rtol=1e-6)
+    assert separate.making.work[-1] != pytest.approx(run([alone[0]])[0].making.work[-1], rel=0.01)  # ways differ
+    longer = plan.task(plan.Case("c", "way", held=True), 0.4, (), 1)
+    with pytest.raises(ValueError, match="`tasks` must share times, damping, warmth"):
+        run([alone[0], longer])
+
+
+def test_each_task_is_in_one_crew_whose_tasks_share_what_they_must() -> None:
+    planned = [task for _, _, task in plan.tasks(plan.cases(quick=False), 1)]
+    crews = plan.crews(planned)
+    assert sorted(i for crew in crews for i in crew) == list(range(len(planned)))
+    for crew in crews:
+        assert len({planned[i].shared for i in crew}) == 1
+        assert sum(len(planned[i].poses) for i in crew) <= 60
+    assert len(crews) < len(planned) / 2
+
+
+def test_the_stiffest_mode_is_reckoned_as_the_hessian_has_it() -> None:
+    limits, reckoned = [], []
+    for case in plan.cases(quick=False):
+        if case.lower == case.upper and case.lower.hand and not case.held:
+            task = plan.task(case, 1.0, (), 1)
+            model = hands.model_of([task], [task.start()])
+            limits.append(sum(task.times) / of.stable_timestep(model).value_in_unit(unit.second))
+            reckoned.append(plan.steps(task))
+    ratio = np.array(limits) / np.array(reckoned)
+    np.testing.assert_allclose(ratio / np.median(ratio), 1.0, atol=0.25)
 
 
 # Judgement ------------------------------------------------------------------------------------------------------------
@@ -176,13 +234,16 @@ def test_a_table_counts_what_formed_and_averages_over_it() -> None:
         row(start=1, net_breaking=3e-4, freed_at=math.nan),
         row(start=2, formed=False, net_making=9.0),
     ]
-    (line,) = judgement.settings(given, [case])
+    line, base = judgement.settings(given, [case])
     assert (line.starts, line.formed, line.freed) == (3, 2, 1)
     assert line.probability == pytest.approx(2 / 3)
     assert line.making == pytest.approx(1e-6)
     assert (line.breaking, line.breaking_error) == (pytest.approx(2e-4), pytest.approx(1e-4))
     assert line.ratio == pytest.approx(200)
-    (none,) = judgement.settings([row(formed=False)], [case])
+    (none, _) = judgement.settings([row(formed=False)], [case])
+    assert replace(base, label=line.label, group="main") == line
+    beside = plan.Case("two rods", "control", slowness=(1.0,), starts=2)
+    assert [line.starts for line in judgement.settings(given, [case, beside])] == [3, 2]  # the starts that all have
     assert (none.probability, none.making) == (0, pytest.approx(1e-6))
     assert math.isnan(none.breaking)
     assert math.isnan(none.ratio)
@@ -199,7 +260,7 @@ def test_broken_copies_fail_the_exact_checks(knot: Result) -> None:
 
     good = [(case, 1.0, knot)]
     assert failed(good, main + twins) == []
-    forgotten = replace(knot, making=replace(knot.making, lost=0.9 * knot.making.lost))
+    forgotten = replace(knot, making=replace(knot.making, whole_lost=0.9 * knot.making.whole_lost))
     assert failed([(case, 1.0, forgotten)], main) == ["energy"]
     through = "no chain passed through another"
     assert failed(good, [*main, row(largest_jump=0.9)]) == [through]

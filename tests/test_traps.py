@@ -92,6 +92,24 @@ def test_a_trap_moves_and_is_read_in_physical_units(scale: float) -> None:
     assert of.preflight(model, context).force_errors["trap"] < 1e-12
 
 
+def test_traps_of_one_number_move_together_and_others_do_not() -> None:
+    place = [0.0, 0.0, 1.0] * NM
+    first, second = ([Trap(-1, 3 * STIFF, place, number=n), Trap(0, 2 * STIFF, place)] for n in (4, 7))
+    model = of.build([wire(), wire(), wire()], [first, second, first])
+    assert model.trap_numbers.tolist() == [4, 1, 7, 1, 4, 1]
+    context = running(model)
+    before = {n: of.trap_forces(model, context, n).value_in_unit(KJ / NM) for n in (1, 4, 7)}
+    of.move_trap(model, context, [0.5, 0, 0] * NM, trap=4)
+    for number, moved in ((4, 1.5), (7, 0.0), (1, 0.0)):
+        change = of.trap_forces(model, context, number).value_in_unit(KJ / NM) - before[number]
+        np.testing.assert_allclose(change, np.outer(np.ones(len(change)), [moved, 0, 0]), atol=1e-12)
+    assert of.preflight(model, context).force_errors["trap"] < 1e-12
+    with pytest.raises(ValueError, match=r"`trap` must be the number of a trap of the model \(1, 4, 7\), but is 0"):
+        of.trap_forces(model, context)
+    with pytest.raises(ValueError, match="`number` must be at least 0, but is -1"):
+        Trap(0, 3 * STIFF, place, number=-1)
+
+
 def test_preflight_finds_a_trap_of_another_stiffness() -> None:
     load, softer = (Trap(-1, k * STIFF, [0, 1, 4] * NM) for k in (3.0, 2.97))
     model, other = of.build(wire(), [load]), of.build(wire(), [softer])
@@ -223,7 +241,7 @@ def test_a_trap_on_a_held_bead_and_beyond_the_chain_is_refused() -> None:
 def test_moving_and_reading_a_trap_that_is_not_there_is_refused() -> None:
     model = of.build(wire(), [Trap(-1, 3 * STIFF, [0, 0, 1] * NM)])
     context = running(model)
-    with pytest.raises(ValueError, match="`trap` must be the number of a trap of the model, which has 1, but is 1"):
+    with pytest.raises(ValueError, match=r"`trap` must be the number of a trap of the model \(0\), but is 1"):
         of.move_trap(model, context, [0, 0, 1] * NM, trap=1)
     with pytest.raises(ValueError, match="`trap` must be at least 0, but is -1"):
         of.trap_forces(model, context, -1)
@@ -232,7 +250,7 @@ def test_moving_and_reading_a_trap_that_is_not_there_is_refused() -> None:
     with pytest.raises(ValueError, match=r"`displacement` must have shape \(3,\)"):
         of.move_trap(model, context, 1 * NM)
     untrapped = of.build(wire(), [])
-    with pytest.raises(ValueError, match="`trap` must be the number of a trap of the model, which has 0, but is 0"):
+    with pytest.raises(ValueError, match=r"`trap` must be the number of a trap of the model \(it has none\), but is 0"):
         of.trap_forces(untrapped, running(untrapped))
 
 

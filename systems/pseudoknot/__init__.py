@@ -9,8 +9,8 @@ friction. Springs of millimetres feel no temperature; the thermostat's is scaled
 from __future__ import annotations
 
 import argparse
-import math
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -45,7 +45,9 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     """Run the ensembles and write the results into `folder`; 1 if an exact check fails, 130 after Ctrl-C, else 0."""
     begun = time.perf_counter()
     cases = plan.cases(quick=quick)
-    planned = sorted(plan.tasks(cases, seed), key=lambda entry: -_cost(entry[2]))
+    planned = plan.tasks(cases, seed)
+    crews = sorted(plan.crews([task for _, _, task in planned]), key=lambda crew: -_cost([planned[i][2] for i in crew]))
+    together = [tuple(planned[i][2] for i in crew) for crew in crews]
     with ExitStack() as opened:
         executor = None
         if options.scheduler is not None:
@@ -54,19 +56,21 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         show(0.0)
         found = run_all(
             attempt,
-            [task for _, _, task in planned],
+            together,
             available_workers(options.processes),
             show,
             executor=executor,
-            costs=[_cost(task) for _, _, task in planned],
+            costs=[_cost(tasks) for tasks in together],
         )
-    results = [
-        (case, pace, result)
-        for (case, pace, _), result in zip(planned, found, strict=True)
-        if isinstance(result, Result)
+    came = [
+        (planned[i], result)
+        for crew, each in zip(crews, found, strict=True)
+        if each
+        for i, result in zip(crew, each, strict=True)
     ]
+    results = [(case, pace, result) for (case, pace, _), result in came if isinstance(result, Result)]
+    failures = [result for _, result in came if isinstance(result, str)]
     interrupted = None in found
-    failures = [result for result in found if isinstance(result, str)]
     order = [case.label for case in cases]
     results.sort(key=lambda entry: (order.index(entry[0].label), entry[1], entry[2].task.seed))
     rows = _rows(results)
@@ -78,7 +82,7 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
         folder,
         Summary(
             system="pseudoknot",
-            models=[model_of(result.task, result.task.start()) for _, _, result in results[:1]],
+            models=[model_of([result.task], [result.task.start()]) for _, _, result in results[:1]],
             platform=PLATFORM,
             wall_seconds=time.perf_counter() - begun,
             filament=_numbers(seed),
@@ -89,11 +93,10 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     return 130 if interrupted else code
 
 
-def _cost(task: Task) -> float:
-    """Of a task, in some unit: time of the hand over that of a step, times the pairs and what the step costs by itself."""
-    wire = task.lower
-    limit = (wire.spacing * wire.thickness) ** 3 / wire.thickness / wire.radius  # of the torsion's stiffest mode
-    return math.sqrt(wire.shear_modulus / wire.density) * sum(task.times) / limit * (len(task.poses) + 7)
+def _cost(tasks: Sequence[Task]) -> float:
+    """Of a Context, in some unit: its steps times what one costs, by itself and for each bead."""
+    beads = sum(len(task.poses) * (task.lower.segments + task.upper.segments + 2) for task in tasks)
+    return max(plan.steps(task) for task in tasks) * (beads + 400)
 
 
 def _rows(results: list[tuple[plan.Case, float, Result]]) -> list[Row]:
@@ -144,7 +147,7 @@ def _pictures(folder: Path, shown: Result, most: int) -> list[str]:
     frames = np.concatenate([phase.frames for phase in phases]) * 1e9
     chosen = np.unique(np.linspace(0, len(times) - 1, most).astype(int))
     task = shown.task
-    model = model_of(task, task.start()[:1])
+    model = model_of([task], [task.start()[:1]])
     stage.write_trajectory(folder / "trajectory.dcd", model, times[chosen], frames[chosen])
     if not of.rendering.available():
         return [stage.NO_PICTURES]

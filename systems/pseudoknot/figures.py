@@ -44,9 +44,8 @@ def course(path: Path, shown: Result) -> None:
             lower.plot(times, work, color=colour, lw=0.8, alpha=0.7)
         for axes in (upper, middle, lower):
             axes.axvspan(times[0], times[-1], color=colour, alpha=0.06, lw=0)
-        upper.text(
-            times.mean(), 1.02, name, color=colour, ha="center", va="bottom", transform=upper.get_xaxis_transform()
-        )
+        place, side = (times[-1], "right") if phase is shown.resting else (times.mean(), "center")  # a narrow band
+        upper.text(place, 1.02, name, color=colour, ha=side, va="bottom", transform=upper.get_xaxis_transform())
         begun += float(phase.times[-1])
     upper.axhline(0, color="0.7", lw=0.8)
     upper.set(ylabel="Gauss linking integral")
@@ -111,11 +110,9 @@ def summary(path: Path, table: list[Setting], found: Outcome) -> None:
         ylabel="work of the hand over E I/R",
         title=f"slow limits: ratio {ratio:.0f} $\\pm$ {error:.0f}",
     )
-    left.legend(fontsize=8, loc="center", bbox_to_anchor=(0.55, 0.57))
-    chosen = [line for line in table if line.group in {"control", "way"}]
-    pace = chosen[0].slowness if chosen else 0.0
-    chosen = [line for line in table if line.group == "main" and line.slowness >= pace][:1] + chosen
-    _bars(right, chosen)
+    left.legend(fontsize=7, loc="center", bbox_to_anchor=(0.55, 0.63), ncols=2)
+    shown = [line for line in table if line.group in {"base", "control", "way"}]
+    _bars(right, sorted(shown, key=lambda line: line.group != "base"))
     drawing.savefig(path, dpi=150)
 
 
@@ -164,10 +161,7 @@ def _bars(axes: Any, lines: list[Setting]) -> None:
             if not np.isnan(value):
                 text = f"{value:.2g}" if value > least else f"{value:.1g}"
                 axes.text(max(value, least) * 1.15, y, text, va="center", fontsize=8)
-    names = [
-        f"{'screwed in, pulled out' if line.group == 'main' else line.label}\n{line.formed} of {line.starts} form"
-        for line in lines
-    ]
+    names = [f"{line.label}\n{line.formed} of {line.starts} form" for line in lines]
     axes.set_yticks(place, names, fontsize=8)
     axes.set(
         xscale="log", xlim=(least, 20), xlabel="work of contact over E I/R", title="controls, and other ways in and out"
@@ -181,6 +175,7 @@ _NAMES = {
     "pitch_mm": "pitch / thickness",
     "thickness_mm": "thickness (mm), radius and pitch kept",
     "clumsiness": "offset of the axes / thickness",
+    "crossing_deg": "angle of the axes (degrees)",
 }
 
 
@@ -191,11 +186,11 @@ def parameters(path: Path, table: list[Setting]) -> None:
         return
     drawing = _figure(2.9 * len(groups) + 0.8, 9.5)
     panels = drawing.subplots(4, len(groups), sharex="col", sharey="row", squeeze=False)
-    pace = next(line.slowness for line in table if line.group == groups[0])
-    base = [line for line in table if line.group == "main" and line.slowness == pace]
+    base = [line for line in table if line.group == "base"]
     for column, group in zip(panels.T, groups, strict=True):
         own = {"G_over_E": BASE.shear_modulus / BASE.youngs_modulus, "helix_radius_mm": 1e3 * BASE.radius}
         own |= {"pitch_mm": 1e3 * BASE.pitch, "thickness_mm": 1e3 * BASE.thickness, "clumsiness": 1.0}
+        own["crossing_deg"] = 0.0
         points = [(line.value, line) for line in table if line.group == group] + [(own[group], line) for line in base]
         points.sort(key=lambda point: point[0])
         x = np.array([value for value, _ in points])

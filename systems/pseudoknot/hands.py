@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,12 +21,12 @@ from systems.pseudoknot.chains import GRIP, HELD, Wire
 from systems.pseudoknot.poses import Pose
 from systems.pseudoknot.ways import Way
 
-__all__ = ["PLATFORM", "TRAP", "Hand", "Motion", "Task", "World", "model_of"]
+__all__ = ["PLATFORM", "TRAP", "Hand", "Motion", "Task", "World", "model_of", "placed"]
 
 Array = NDArray[np.float64]
 
-APART = 0.04
-"""Distance in m of the pairs that share a Context: they never meet."""
+CELL = (0.04, 0.04, 0.08)
+"""Distances in m, along x, y and z, of the pairs that share a Context: they never meet."""
 
 TRAP = 0.1
 """Stiffness of a trap over that of a segment."""
@@ -75,19 +76,31 @@ class Task:
     seed: int
     film: bool = False
 
+    @property
+    def shared(self) -> tuple[float | bool, ...]:
+        """What tasks must have in common to run in one Context, to nine digits."""
+        numbers = (*self.times, self.damping, self.warmth)
+        return (*(float(f"{number:.8e}") for number in numbers), self.resting is None)
+
     def start(self) -> Array:
-        """All beads (n, N, 3) before anything moves."""
-        columns = math.ceil(math.sqrt(len(self.poses)))
-        spots = np.array([(i % columns, i // columns, 0) for i in range(len(self.poses))]) * APART
+        """All beads (n, N, 3) before anything moves, every pair with its lower chain's foot near the origin."""
         lower, upper = self.lower.shape(), self.upper.shape() + np.array(self.place)
-        pairs = [np.concatenate([pose.placed(lower), upper]) for pose in self.poses]
-        return np.asarray(np.array(pairs) + (spots - spots.mean(axis=0))[:, None])
+        return np.array([np.concatenate([pose.placed(lower), upper]) for pose in self.poses])
 
     def masses(self) -> Array:
         """(N,), zero where held."""
         out = np.concatenate([np.full(wire.segments + 1, wire.bead_mass()) for wire in (self.lower, self.upper)])
         out[:HELD] = 0.0
         return out
+
+
+def placed(tasks: Sequence[Task]) -> list[Array]:
+    """The starts of the tasks that share a Context, each pair in a cell of its own."""
+    counts = [len(task.poses) for task in tasks]
+    side = math.ceil(round(sum(counts) ** (1 / 3), 9))
+    cells = np.array([(i % side, i // side % side, i // side**2) for i in range(sum(counts))], dtype=np.float64)
+    spots = np.split((cells - cells.mean(axis=0)) * CELL, np.cumsum(counts)[:-1])
+    return [task.start() + spot[:, None] for task, spot in zip(tasks, spots, strict=True)]
 
 
 @dataclass
@@ -99,48 +112,59 @@ class Motion:
     turned: float = 0.0
 
 
-def model_of(task: Task, x: Array, *, gripped: bool = True) -> of.Model:
-    """The pairs with the lower chains held at their feet and, `gripped`, the upper ones in traps where they are at x (n, N, 3).
+def model_of(tasks: Sequence[Task], where: Sequence[Array], *, gripped: bool = True) -> of.Model:
+    """The pairs with the lower chains held at their feet and, `gripped`, the upper ones in traps where they are.
 
-    The rest shapes of the model are those of the poses.
+    The pairs of each task are at `where` (n, N, 3); their traps have numbers of their own. The rest shapes of the model are
+    those of the poses.
     """
-    stiffness = TRAP * task.upper.stretching() * unit.newton / unit.meter
-    start, first = task.start()[: len(x)], task.lower.segments + 1
     filaments: list[of.Filament] = []
     loads: list[list[of.loads.Load]] = []
-    for rest, pair in zip(start, x, strict=True):
-        filaments += [task.lower.filament(rest[:first]), task.upper.filament(rest[first:])]
-        hand: list[of.loads.Load] = []
-        if gripped:
-            hand += [of.loads.Trap(bead, stiffness, pair[first:][bead] * unit.meter) for bead in GRIP]
-        loads += [[of.loads.Hold(range(HELD))], hand]
+    for number, (task, x) in enumerate(zip(tasks, where, strict=True)):
+        stiffness = TRAP * task.upper.stretching() * unit.newton / unit.meter
+        first = task.lower.segments + 1
+        for rest, pair in zip(task.start(), x, strict=False):
+            filaments += [task.lower.filament(rest[:first]), task.upper.filament(rest[first:])]
+            hand: list[of.loads.Load] = []
+            if gripped:
+                hand += [
+                    of.loads.Trap(bead, stiffness, pair[first:][bead] * unit.meter, number=len(GRIP) * number + i)
+                    for i, bead in enumerate(GRIP)
+                ]
+            loads += [[of.loads.Hold(range(HELD))], hand]
     return of.build(filaments, loads=loads)
 
 
 class World:
-    """A running Context, in SI units."""
+    """A running Context of some tasks' pairs, in SI units."""
 
-    def __init__(self, task: Task, model: of.Model, motion: Motion, warmth: float, step: float, seed: int) -> None:
-        self.shape = motion.x.shape
+    def __init__(
+        self, tasks: Sequence[Task], model: of.Model, motions: Sequence[Motion], warmth: float, step: float, seed: int
+    ) -> None:
+        self.shapes = [motion.x.shape for motion in motions]
         self.metre = 1e9 / model.scale.length
         self.second = 1e12 / model.scale.factor("time")
         self.joule = stage.JOULE / model.scale.factor("energy")
         kelvin = warmth * self.joule / of.units.BOLTZMANN
-        integrator = internal_langevin(model, kelvin, task.damping / self.second, step * self.second, seed)
+        integrator = internal_langevin(model, kelvin, tasks[0].damping / self.second, step * self.second, seed)
         platform = mm.Platform.getPlatformByName(PLATFORM)
         self.context = mm.Context(model.system, integrator, platform, {"Threads": "1"})
-        self.context.setPositions(motion.x.reshape(-1, 3) * self.metre)
-        self.context.setVelocities(motion.v.reshape(-1, 3) * (self.metre / self.second))
+        x, v = (np.concatenate([getattr(motion, name).reshape(-1, 3) for motion in motions]) for name in ("x", "v"))
+        self.context.setPositions(x * self.metre)
+        self.context.setVelocities(v * (self.metre / self.second))
         self.advance = integrator.step
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PreflightWarning)
             of.preflight(model, self.context, force_tolerance=ROUNDING)
 
-    def look(self) -> tuple[Array, Array]:
-        """Positions (n, N, 3) in m, and velocities in m/s, half a step before them."""
+    def look(self) -> list[tuple[Array, Array]]:
+        """Positions (n, N, 3) in m of each task, and velocities in m/s, half a step before them."""
         state = self.context.getState(positions=True, velocities=True)
-        x, v = state.getPositions(asNumpy=True)._value, state.getVelocities(asNumpy=True)._value
-        return x.reshape(self.shape) / self.metre, v.reshape(self.shape) * (self.second / self.metre)
+        x = state.getPositions(asNumpy=True)._value / self.metre
+        v = state.getVelocities(asNumpy=True)._value * (self.second / self.metre)
+        ends = np.cumsum([n * beads for n, beads, _ in self.shapes])[:-1]
+        parts = zip(np.split(x, ends), np.split(v, ends), self.shapes, strict=True)
+        return [(a.reshape(shape), b.reshape(shape)) for a, b, shape in parts]
 
     def energies(self) -> tuple[float, float]:
         """Potential and kinetic, J."""
@@ -149,9 +173,10 @@ class World:
 
 
 class Hand:
-    """Traps on beads of the upper chains that move together as one rigid body."""
+    """Traps on beads of the upper chains of a task that move together as one rigid body; `number` is the task's in its World."""
 
-    def __init__(self, task: Task, motion: Motion) -> None:
+    def __init__(self, task: Task, motion: Motion, number: int) -> None:
+        self.first = len(GRIP) * number
         beads = task.upper.segments + 1
         grip = np.array(GRIP) % beads
         points = task.upper.shape()[grip]
@@ -172,7 +197,7 @@ class Hand:
         before = self.centres + self.shift - there
         self.shift = way.displacements(self.points, part)
         after = self.centres + self.shift - there
-        for number, move in enumerate(self.shift * world.metre):
+        for number, move in enumerate(self.shift * world.metre, start=self.first):
             for axis, value in zip(traps.AXES, move.tolist(), strict=True):
                 world.context.setParameter(traps.parameter(number, axis), value)
         self.force = self.stiffness * (before + after).sum(axis=1) / 2

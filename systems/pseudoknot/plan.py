@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -14,23 +15,26 @@ from systems.pseudoknot.hands import Task
 from systems.pseudoknot.poses import Pose, drawn
 from systems.pseudoknot.ways import Way
 
-__all__ = ["BASE", "OVERLAP", "Case", "cases", "linked", "task", "tasks"]
+__all__ = ["BASE", "OVERLAP", "Case", "cases", "crews", "linked", "steps", "task", "tasks"]
 
 BASE = Wire()
 OVERLAP = 1.5
 """Turns of the upper helix that are brought into the lower one."""
 
 SLOWNESS = (3.0, 6.0, 12.0)
-"""Times of making and of breaking, over the period of the slowest swing of the lower helix."""
+"""Times of making over the period of the slowest swing of the lower helix; what stands beside the knot itself runs at the first."""
 
-REST = 1.0
+PULL = 0.5
+"""Time of the straight pull over that of making: its work depends little on its speed."""
+
+REST = 0.5
 """Time in which the knot is left alone, over that period."""
 
 DAMPING = 0.3
 """Rate over that of the slowest swing: it decays to 1/e in some seven periods."""
 
 CHILL, WARMTH = 1e-6, 1e-4
-"""k_B T over E I/R of the first velocities, and of the thermostat while the hand is away."""
+"""k_B T over E I/R of the first velocities, and, over that of the knot itself, of the thermostat while the hand is away."""
 
 SHIFT, TILT = 1.0, 0.1
 """Largest offset of the axes over the thickness of the wire, and largest angle between them in rad."""
@@ -54,6 +58,8 @@ class Case:
         Of what is varied, in the unit of its name; NaN for the others.
     making : "screw", "push" or "side"
     breaking : "straight", "unscrew" or "side"
+    crossing : float
+        Angle of the axes in rad; they meet in the middle of what parallel chains have in common.
     held : bool
         Whether the hand keeps its hold in between, so that it can go back the way it came.
     """
@@ -65,6 +71,7 @@ class Case:
     value: float = math.nan
     making: Literal["screw", "push", "side"] = "screw"
     breaking: Literal["straight", "unscrew", "side"] = "straight"
+    crossing: float = 0.0
     clumsiness: float = 1.0
     warmth: float = WARMTH
     rest: float = REST
@@ -73,8 +80,12 @@ class Case:
     held: bool = False
 
 
-def _varied(group: str, value: float, wire: Wire, **more: float) -> Case:
-    return Case(f"{group} {value:g}", group, wire, wire, value, **more)  # type: ignore[arg-type]
+def _varied(group: str, value: float, *, crossing: float = 0.0, clumsiness: float = 1.0, **wire: float) -> Case:
+    """With other numbers of the wire, as dense as makes its period that of the others: they share Contexts."""
+    changed = replace(BASE, **wire)  # type: ignore[arg-type]
+    if group != "E_GPa":
+        changed = replace(changed, density=BASE.density * (BASE.period() / changed.period()) ** 2)
+    return Case(f"{group} {value:g}", group, changed, changed, value, crossing=crossing, clumsiness=clumsiness)
 
 
 def cases(*, quick: bool) -> list[Case]:
@@ -94,17 +105,18 @@ def cases(*, quick: bool) -> list[Case]:
         Case("unscrewed", "way", breaking="unscrew", held=True),
         Case("ten times warmer and four times longer", "way", warmth=10 * WARMTH, rest=4 * REST),
     ]
-    scaled = _varied("E_GPa", 10, replace(BASE, youngs_modulus=10 * e, shear_modulus=10 * g))
+    scaled = _varied("E_GPa", 10, youngs_modulus=10 * e, shear_modulus=10 * g)
     varied = [
-        *(_varied("G_over_E", ratio, replace(BASE, shear_modulus=ratio * e)) for ratio in (0.1, 1.0, 2.0)),
-        *(_varied("helix_radius_mm", r, replace(BASE, radius=r * 1e-3)) for r in (1.25, 2.0)),
-        *(_varied("pitch_mm", p, replace(BASE, pitch=p * 1e-3)) for p in (2.2, 3.0, 6.0)),
-        *(_varied("thickness_mm", d, replace(BASE, thickness=d * 1e-3)) for d in (0.8, 1.25)),
-        *(_varied("clumsiness", c, BASE, clumsiness=c) for c in (0.1, 2.0)),
+        *(_varied("G_over_E", ratio, shear_modulus=ratio * e) for ratio in (0.1, 1.0)),
+        *(_varied("helix_radius_mm", r, radius=r * 1e-3) for r in (1.25, 1.75)),
+        *(_varied("pitch_mm", p, pitch=p * 1e-3) for p in (2.2, 3.0, 5.0)),
+        *(_varied("thickness_mm", d, thickness=d * 1e-3) for d in (0.9, 1.25)),
+        *(_varied("clumsiness", c, clumsiness=c) for c in (0.1, 2.0)),
+        *(_varied("crossing_deg", angle, crossing=math.radians(angle)) for angle in (30, 60, 90)),
     ]
     if not quick:
         return [main, *controls, *ways, scaled, *varied]
-    few = [replace(case, starts=1, slowness=(0.8,), rest=0.3) for case in (controls[0], controls[2], ways[3], scaled)]
+    few = [replace(case, starts=1, slowness=(0.8,), rest=0.3) for case in (controls[0], controls[2])]
     return [replace(main, slowness=(0.8, 1.1, 1.4), starts=4, rest=0.3), *few]
 
 
@@ -113,13 +125,13 @@ def linked(wire: Wire) -> float:
     coil = replace(wire, hand=1)
     shape, up = coil.shape(), coil.height + start_gap(coil, coil)
     lower = Pose(math.pi - 2 * math.pi * up / coil.pitch).placed(shape)
-    way = _screw(coil, coil)
+    way = _screw(coil, coil, start_gap(coil, coil))
     upper = shape + np.array([0.0, 0.0, up])
     return float(of.analysis.linking(lower, upper + way.displacements(shape, 1.0)))
 
 
-def _screw(lower: Wire, upper: Wire) -> Way:
-    down = start_gap(lower, upper) + OVERLAP * lower.pitch
+def _screw(lower: Wire, upper: Wire, gap: float) -> Way:
+    down = gap + OVERLAP * lower.pitch
     return Way("screw", (0.0, 0.0, -down), -(upper.hand or 1) * down / lower.pitch)
 
 
@@ -127,10 +139,13 @@ def task(case: Case, slowness: float, poses: tuple[Pose, ...], seed: int, *, fil
     """A case at one slowness: pairs in these poses, and one pair more out of reach of each other."""
     lower, upper = case.lower, case.upper
     period, energy = lower.period(), lower.energy
-    screw = _screw(lower, upper)
+    gap = start_gap(lower, upper) + (2 * lower.thickness if case.crossing else 0.0)  # a coil across reaches higher
+    screw = _screw(lower, upper, gap)
+    middle = lower.height - OVERLAP * lower.pitch / 2
+    poses = tuple(replace(pose, crossing=case.crossing, crossed_at=middle) for pose in poses)
     beside = 2 * lower.radius + 4 * lower.thickness  # clear of a lower chain that is shifted and tilted
     aside = 2.2 * lower.thickness if not lower.hand else 0.0  # rods side by side
-    place = (aside, 0.0, lower.height + start_gap(lower, upper))
+    place = (aside, 0.0, lower.height + gap)
     if case.making == "side":
         place = (beside, 0.0, 0.0)
     making = {
@@ -153,23 +168,64 @@ def task(case: Case, slowness: float, poses: tuple[Pose, ...], seed: int, *, fil
         making,
         Way("held", (0.0, 0.0, 0.0)) if case.held else None,
         breaking,
-        (slowness * period, case.rest * period, slowness * period),
+        (slowness * period, case.rest * period, slowness * period * (PULL if case.breaking == "straight" else 1.0)),
         DAMPING / period,
         CHILL * energy,
-        case.warmth * energy,
+        case.warmth * BASE.energy,
         seed,
         film,
     )
 
 
-def tasks(chosen: list[Case], seed: int, *, batch: int = 8) -> list[tuple[Case, float, Task]]:
-    """The tasks of the cases, at most `batch` starts each; cases and speeds share their starts."""
+def tasks(chosen: list[Case], seed: int) -> list[tuple[Case, float, Task]]:
+    """The tasks of the cases, one a speed; cases and speeds share their starts."""
     out = []
     for case in chosen:
         size = case.lower.thickness * SHIFT * case.clumsiness
         poses = drawn(case.starts, seed, shift=size, tilt=TILT * case.clumsiness)
         for slowness in case.slowness:
-            for i in range(0, len(poses), batch):
-                film = case.group == "main" and slowness == case.slowness[-1] and i == 0
-                out.append((case, slowness, task(case, slowness, poses[i : i + batch], 1000 * seed + i, film=film)))
+            film = case.group == "main" and slowness == case.slowness[-1]
+            out.append((case, slowness, task(case, slowness, poses, 1000 * seed, film=film)))
     return out
+
+
+def crews(planned: Sequence[Task]) -> list[list[int]]:
+    """Which tasks, by their place, share a Context: those that may, with about the same limit of the time step.
+
+    A step costs a Context 0.3 ms and each of its beads less than a microsecond: many pairs together are cheap.
+    """
+    out: list[list[int]] = []
+    for i in sorted(range(len(planned)), key=lambda i: steps(planned[i])):
+        task = planned[i]
+        for crew in out:
+            first, pairs = planned[crew[0]], sum(len(planned[j].poses) for j in crew)
+            alike = first.shared == task.shared and steps(task) <= _ALIKE * steps(first)
+            if alike and pairs + len(task.poses) <= _MOST:
+                crew.append(i)
+                break
+        else:
+            out.append([i])
+    return out
+
+
+_ALIKE, _MOST = 1.5, 60
+"""Largest ratio of numbers of steps, and pairs, of a Context."""
+
+
+def steps(task: Task) -> float:
+    """About the number of steps of a task, in some unit: its time over the period of its stiffest mode."""
+    return sum(task.times) * max(_stiffest(wire) for wire in (task.lower, task.upper))
+
+
+def _stiffest(wire: Wire) -> float:
+    """Frequency of a wire's stiffest mode, rad/s: of stretching, or of torsion.
+
+    The lever of the latter is the distance of a bead from the line through its neighbours; 2.4 is what the knot has.
+    """
+    length, rise = wire.spacing * wire.thickness, wire.pitch / (2 * math.pi)
+    stretching = 2 * math.sqrt(wire.youngs_modulus / wire.density) / length
+    if not wire.hand:
+        return stretching
+    curvature = wire.radius / (wire.radius**2 + rise**2)
+    twisting = 2.4 * math.sqrt(wire.shear_modulus / wire.density) * wire.thickness / (length**3 * curvature)
+    return max(stretching, twisting)

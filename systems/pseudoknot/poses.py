@@ -15,11 +15,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Pose:
-    """Turned about its axis (rad), tilted about its foot (rad, about x and y), and shifted (m) from under the upper chain."""
+    """Turned about its axis (rad), tilted about its foot (rad, about x and y), and shifted (m) from under the upper chain.
+
+    Last of all its axis is laid across that of the upper chain: turned by `crossing` (rad) about a line along y at the
+    height `crossed_at` (m).
+    """
 
     phase: float = 0.0
     shift: tuple[float, float] = (0.0, 0.0)
     tilt: tuple[float, float] = (0.0, 0.0)
+    crossing: float = 0.0
+    crossed_at: float = 0.0
 
     def placed(self, shape: Array) -> Array:
         """The beads (N, 3) of a chain along z, in this pose."""
@@ -29,7 +35,10 @@ class Pose:
         about_x = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
         sine, cosine = _turn(b)
         about_y = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
-        return np.asarray(shape @ (about_y @ about_x @ about_z).T + np.array([*self.shift, 0.0]))
+        standing = shape @ (about_y @ about_x @ about_z).T + np.array([*self.shift, 0.0])
+        (sine, cosine), pivot = _turn(self.crossing), np.array([0.0, 0.0, self.crossed_at])
+        across = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
+        return np.asarray((standing - pivot) @ across.T + pivot)
 
 
 def _turn(angle: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""An ensemble of pairs that share a Context: brought together, left alone in thermal motion, pulled apart. SI units."""
+"""Ensembles of pairs that share a Context: brought together, left alone in thermal motion, pulled apart. SI units."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from openmm import unit
 
 import openmm_filament as of
 from openmm_filament.inspection import PreflightError
-from systems.pseudoknot.hands import Hand, Motion, Task, World, model_of
+from systems.pseudoknot.hands import Hand, Motion, Task, World, model_of, placed
 from systems.pseudoknot.ways import Way, smooth
 
-__all__ = ["EVERY", "STEP", "Phase", "Result", "attempt", "run"]
+__all__ = ["EVERY", "STEPS", "Phase", "Result", "attempt", "run"]
 
 Array = NDArray[np.float64]
 
-STEP = 0.5
-"""Time step over the limit of stability at rest. Drawn out, a coil's torsion stiffens; its energy balance is checked."""
+STEPS = (0.7, 0.7, 0.5)
+"""Time steps of making, resting and breaking over the limit of stability at rest. Drawn out, a coil's torsion stiffens; the
+energy balance is checked."""
 
 STRIDE = 5
-"""Steps between two moves of the hand: more often than the stiffest mode swings, which takes six. Jumps less often would
-find modes to shake, and do much work on them."""
+"""Steps between two moves of the hand: about as often as the stiffest mode swings, which takes four to six. Jumps less often
+would find modes to shake, and do much work on them."""
 
 EVERY = 8
 """Moves of the hand between two records: 40 steps, in which a coil that snaps off moves by a part of its thickness."""
@@ -54,8 +55,8 @@ class Phase:
         Gauss linking integral, and pairs of beads of the two chains in contact.
     nearest : (n,)
         Smallest distance of two beads of the two chains over the diameter.
-    stored, kinetic : (K + 1,)
-        Potential energy, the traps included, and kinetic energy of all pairs together, J.
+    stored, kinetic, whole_work, whole_lost : (K + 1,)
+        Potential energy, the traps included, kinetic energy, work and loss of all pairs in the Context together, J.
     frames : (K + 1, N, 3)
         Of the first pair, m; without a film, (0, N, 3).
     """
@@ -70,100 +71,137 @@ class Phase:
     nearest: Array
     stored: Array
     kinetic: Array
+    whole_work: Array
+    whole_lost: Array
     frames: Array
 
     @property
     def misfit(self) -> float:
-        """Work less what was stored and lost, over the largest of the three, of all pairs together."""
-        work, lost = float(self.work[-1].sum()), float(self.lost[-1].sum())
+        """Work less what was stored and lost, over the largest of the three, of all pairs in the Context together."""
+        work, lost = float(self.whole_work[-1]), float(self.whole_lost[-1])
         gained = float((self.stored + self.kinetic)[[0, -1]] @ [-1.0, 1.0])
         return (work - lost - gained) / max(abs(work), abs(lost), abs(gained))
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The phases of a task, and its time step in s."""
+    """The phases of a task."""
 
     task: Task
     making: Phase
     resting: Phase
     breaking: Phase
-    step: float
 
 
 class _TornError(Exception):
     """A chain has come apart or heated up: the time step was too long for a coil so drawn out."""
 
 
-def attempt(task: Task) -> Result | str:
-    """The result of `run`, or why there is none: one setting that fails leaves the others."""
+def attempt(tasks: tuple[Task, ...]) -> list[Result | str]:
+    """The results of `run`, or why there is none: one setting that fails leaves the others."""
     try:
-        return run(task)
+        return [*run(tasks)]
     except (RuntimeError, PreflightError) as error:
-        return f"{task.label}: {error}"
+        if len(tasks) == 1:
+            return [f"{tasks[0].label}: {error}"]
+        return [result for task in tasks for result in attempt((task,))]
 
 
-def run(task: Task) -> Result:
-    """Make, leave alone and break the pairs of a task; again with half the time step where a chain comes apart or heats up.
+def run(tasks: Sequence[Task]) -> list[Result]:
+    """Make, leave alone and break the pairs of tasks in one Context; again with half the time step where a chain comes apart.
+
+    Or heats up. With several tasks each then runs again by itself.
 
     Raises
     ------
+    ValueError
+        If the tasks differ in what they must have in common.
     RuntimeError
-        If one does with a quarter of it, too.
+        If a chain comes apart with a quarter of the time step, too.
     """
-    limit = of.stable_timestep(model_of(task, task.start())).value_in_unit(unit.second)
-    for part in (STEP, STEP / 2, STEP / 4):
+    if len({task.shared for task in tasks}) != 1:
+        raise ValueError("Argument `tasks` must share times, damping, warmth and whether the hand lets go.")
+    limit = of.stable_timestep(model_of(tasks, placed(tasks))).value_in_unit(unit.second)
+    for part in (1, 0.5, 0.25):
         try:
-            return _attempt(task, part * limit)
+            return _attempt(tasks, part * limit)
         except _TornError:
-            continue
-    raise RuntimeError(f"A chain of {task.label!r} comes apart with {STEP / 4:.3g} of the stable time step.")
+            if len(tasks) > 1:
+                return [result for task in tasks for result in run([task])]
+    raise RuntimeError(f"A chain of {tasks[0].label!r} comes apart with {STEPS[-1] / 4:.3g} of the stable time step.")
 
 
-def _attempt(task: Task, longest: float) -> Result:
-    rng = np.random.default_rng(task.seed)
-    x, masses = task.start(), task.masses()
-    spread = np.sqrt(task.chill / np.where(masses > 0, masses, np.inf))
-    motion = Motion(x, rng.normal(size=x.shape) * spread[:, None])
+def _attempt(tasks: Sequence[Task], limit: float) -> list[Result]:
+    motions = []
+    for task, x in zip(tasks, placed(tasks), strict=True):
+        masses = task.masses()
+        spread = np.sqrt(task.chill / np.where(masses > 0, masses, np.inf))
+        motions.append(Motion(x, np.random.default_rng(task.seed).normal(size=x.shape) * spread[:, None]))
+    seeds = np.random.default_rng([tasks[0].seed, 1]).integers(1, 2**31 - 1, 3)
     phases = []
-    for way, time in zip((task.making, task.resting, task.breaking), task.times, strict=True):
-        records = max(math.ceil(time / (longest * STRIDE * EVERY)), 1)
+    for name, part, time, seed in zip(("making", "resting", "breaking"), STEPS, tasks[0].times, seeds, strict=True):
+        records = max(math.ceil(time / (part * limit * STRIDE * EVERY)), 1)
         step = time / (records * EVERY * STRIDE)
-        phases.append(_phase(task, motion, way, step, records * EVERY, 1 + int(rng.integers(2**31 - 2))))
-        motion.turned = task.making.turns
-    return Result(task, phases[0], phases[1], phases[2], longest)
+        phases.append(_phase(tasks, motions, name, step, records * EVERY, int(seed)))
+        for task, motion in zip(tasks, motions, strict=True):
+            motion.turned = task.making.turns
+    return [Result(task, *parts) for task, *parts in zip(tasks, *phases, strict=True)]
 
 
-def _phase(task: Task, motion: Motion, way: Way | None, step: float, moves: int, seed: int) -> Phase:
-    """Go a way (or none: the hand has let go), and leave the motion as it is at its end."""
-    model = model_of(task, motion.x, gripped=way is not None)
-    world = World(task, model, motion, 0.0 if way else task.warmth, step, seed)
-    hand = Hand(task, motion) if way else None
-    masses, loss = task.masses(), STRIDE * math.expm1(2 * task.damping * step) / 2
-    count = len(task.poses)
-    work, lost = np.zeros(count), np.zeros(count) if way else np.full(count, np.nan)
-    rows: list[tuple[Any, ...]] = []
+@dataclass
+class _Pairs:
+    """What is kept of a task while a phase runs: its hand (none that has let go), works and losses (n,), and records."""
+
+    task: Task
+    motion: Motion
+    way: Way | None
+    hand: Hand | None
+    work: Array
+    lost: Array
+    rows: list[tuple[Any, ...]]
+
+
+def _phase(
+    tasks: Sequence[Task], motions: Sequence[Motion], name: str, step: float, moves: int, seed: int
+) -> list[Phase]:
+    """Go the ways of this name (or none: the hands have let go), and leave the motions as they are at the end."""
+    ways = [getattr(task, name) for task in tasks]
+    gripped = ways[0] is not None
+    model = model_of(tasks, [motion.x for motion in motions], gripped=gripped)
+    world = World(tasks, model, motions, 0.0 if gripped else tasks[0].warmth, step, seed)
+    pairs = []
+    for number, (task, motion, way) in enumerate(zip(tasks, motions, ways, strict=True)):
+        hand, count = Hand(task, motion, number) if gripped else None, len(task.poses)
+        lost = np.zeros(count) if gripped else np.full(count, np.nan)
+        pairs.append(_Pairs(task, motion, way, hand, np.zeros(count), lost, []))
+    masses, loss = [task.masses() for task in tasks], STRIDE * math.expm1(2 * tasks[0].damping * step) / 2
 
     def record(i: int, part: float) -> None:
-        force = hand.force if hand else np.zeros((count, 3))
-        rows.append((i * STRIDE * step, part, work.copy(), lost.copy(), force, *world.energies(), motion.x))
+        energies = world.energies()
+        whole = (sum(float(p.work.sum()) for p in pairs), sum(float(p.lost.sum()) for p in pairs))
+        for p in pairs:
+            force = p.hand.force if p.hand else np.zeros((len(p.work), 3))
+            p.rows.append((i * STRIDE * step, part, p.work.copy(), p.lost.copy(), force, *energies, *whole, p.motion.x))
 
     record(0, 0.0)
     for i in range(1, moves + 1):
         part = smooth(i / moves)
-        if way and hand:
-            work += hand.move(way, part, motion, step, world)
+        for p in pairs:
+            if p.way and p.hand:
+                p.work += p.hand.move(p.way, part, p.motion, step, world)
         world.advance(STRIDE)
-        motion.x, motion.v = world.look()
-        lost += loss * np.einsum("b,nbk,nbk->n", masses, motion.v, motion.v)
+        for p, mass, (x, v) in zip(pairs, masses, world.look(), strict=True):
+            p.motion.x, p.motion.v = x, v
+            p.lost += loss * np.einsum("b,nbk,nbk->n", mass, v, v)
         if i % EVERY == 0:
             record(i, part)
-    return _reduced(task, rows)
+    return [_reduced(p.task, p.rows) for p in pairs]
 
 
 def _reduced(task: Task, rows: Sequence[tuple[Any, ...]]) -> Phase:
-    """A phase from its records: time, part, work, loss, force, energies, positions (n, N, 3)."""
-    times, parts, work, lost, force, stored, kinetic, x = (np.array(column) for column in zip(*rows, strict=True))
+    """A phase from its records: time, part, work, loss, force, energies, work and loss of all, positions (n, N, 3)."""
+    columns = (np.array(column) for column in zip(*rows, strict=True))
+    times, parts, work, lost, force, stored, kinetic, whole_work, whole_lost, x = columns
     first, reach = task.lower.segments + 1, (task.lower.thickness + task.upper.thickness) / 2
     link, touching = np.empty(work.shape), np.empty(work.shape, dtype=np.int64)
     nearest = np.empty(work.shape[1])
@@ -180,4 +218,6 @@ def _reduced(task: Task, rows: Sequence[tuple[Any, ...]]) -> Phase:
         touching[:, i] = (distances < reach).sum(axis=(1, 2))
         nearest[i] = distances.min() / reach
     frames = x[:, 0] if task.film else x[:0, 0]
-    return Phase(times, parts, work, lost, force, link, touching, nearest, stored, kinetic, frames)
+    return Phase(
+        times, parts, work, lost, force, link, touching, nearest, stored, kinetic, whole_work, whole_lost, frames
+    )
