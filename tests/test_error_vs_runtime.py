@@ -11,12 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from openmm import unit
 
 from systems import __main__ as command
 from systems import mass_spring, strings
 from systems.error_vs_runtime import figures, front, judgement, tables, turns
 from systems.error_vs_runtime.settings import Order, Outcome, Result, Setting, Study
-from systems.error_vs_runtime.sweeps import growth, loaded, masses, statics, thermal
+from systems.error_vs_runtime.sweeps import growth, loaded, masses, statics, strung, thermal
 from systems.weighted_string import chain as weighted
 
 
@@ -39,10 +41,14 @@ def test_a_front_holds_what_nothing_beats_in_both() -> None:
     assert sorted(front.pareto(t, e).tolist()) == slow
 
 
-def test_the_time_to_an_error_lies_on_the_front() -> None:
+def test_the_time_to_an_error_is_that_of_a_setting_that_was_run() -> None:
     seconds = np.geomspace(0.01, 100, 9)
     errors = 0.05 * seconds**-0.5
-    assert front.time_to(seconds, errors, 0.02) == pytest.approx(0.05**2 / 0.02**2)
+    assert front.time_to(seconds, errors, 0.02) == seconds[6]
+    assert front.time_to(seconds, errors, errors[6]) == seconds[6]
+    assert (
+        front.time_to(np.array([0.05, 0.2]), np.array([0.2, 1e-9]), 0.01) == 0.2
+    )  # of two methods there is no between
     assert front.time_to(seconds, errors, 0.9) == seconds[0]
     assert math.isnan(front.time_to(seconds, errors, 1e-4))
     assert math.isnan(front.time_to(np.array([]), np.array([]), 0.1))
@@ -52,6 +58,17 @@ def test_scatter_falls_as_the_root_of_time_and_bias_stays() -> None:
     assert front.thermal_time_to(3.0, 0.1, 0.0, 0.02) == pytest.approx(300.0)
     assert front.thermal_time_to(3.0, 0.1, -0.01, 0.02) == pytest.approx(1200.0)
     assert front.thermal_time_to(3.0, 0.1, 0.03, 0.02) == math.inf
+
+
+def test_a_thermal_time_is_never_below_that_of_a_run_that_was_made() -> None:
+    noisy = study([outcome(5, 0.02, 0.001, -0.001), outcome(5, 0.3, 1e-4, -1e-4)], known=lambda s: 0.0)
+    assert tables.times(noisy)[:2] == [0.02, 0.02]
+    assert tables.times(noisy)[2] == pytest.approx(0.02 * 8)
+
+
+def test_seconds_are_written_as_people_write_them() -> None:
+    said = [tables._seconds(t) for t in (0.0004, 0.0997, 0.44, 334.9, 1892.0, math.nan)]
+    assert said == ["0.4 ms", "100 ms", "0.44 s", "330 s", "32 min", "-"]
 
 
 def test_a_fit_finds_the_exponent() -> None:
@@ -95,6 +112,29 @@ def test_the_cheapest_setting_is_recommended_and_a_default_only_if_it_is_as_chea
     assert [c.passed for c in judgement.checks([both])] == [True, True, True]
     assert judgement.cheapest(study([coarse, mid])) is None
     assert judgement.findings([study([coarse, mid])]) == []
+
+
+def test_a_default_that_did_not_run_fails() -> None:
+    good = outcome(20, 2.0, 0.01)
+    made = study([Outcome(Setting(10, 0.5), (), "refused"), good], stated=0.02, default=Setting(10, 0.5))
+    assert [c.passed for c in judgement.checks([made])] == [False, True, False]
+    noisy = replace(made, known=lambda s: 0.0)
+    assert not judgement.checks([noisy])[0].passed
+
+
+@pytest.mark.parametrize(("known", "passed"), [(0.01, True), (0.02, False), (0.0, False)])
+def test_a_measured_bias_that_is_not_the_known_one_fails(known: float, passed: bool) -> None:
+    seeds = 0.01 + 0.01 * (-1.0) ** np.arange(100)
+    one = outcome(10, 1.0, *seeds)
+    made = study([one], stated=0.05, default=one.setting, known=lambda s: known)
+    assert [c.passed for c in judgement.checks([made]) if "bias of the default" in c.name] == [passed]
+
+
+def test_platforms_and_forms_are_compared_at_a_setting_that_is_run_without_them() -> None:
+    for made in (*strung.guitar_studies(quick=True), *loaded.weighted_studies(quick=True)):
+        for s in made.settings:
+            if s.segments > 45 and (s.platform != "Reference" or s.form != "arccosine"):
+                assert replace(s, platform="Reference", precision="double", form="arccosine") in made.settings
 
 
 def test_settings_are_equal_within_the_spread_of_their_runs_and_never_beyond_a_factor_of_two() -> None:
@@ -173,6 +213,10 @@ def test_growth_is_flat_or_not_and_platforms_cross() -> None:
     assert growth.crossover(slow, fast) == pytest.approx(100.0)
     assert math.isnan(growth.crossover(slow, [row(n, 200.0) for n in (10, 100, 1000)]))
     assert growth.crossover(slow, [row(n, 50.0) for n in (10, 100, 1000)]) == 10
+    other = [row(n, ns, "OpenCL") for n, ns in ((100, 200.0), (1000, 50.0), (10_000, 200.0))]
+    terms = [replace(row(1000, 100.0), kind="term", terms=name) for name in growth.TERMS]
+    said = judgement.growth_findings(growth.Growth([*slow, row(10_000, 100.0), *other, *terms]))
+    assert "OpenCL is not faster than Reference at 10,000 beads, the most that it was run with." in said
     made = growth.timed(30, "+ bending", "Reference", 1, kind="size")
     assert made.least <= made.ns_per_bead_step <= made.most
 
@@ -213,7 +257,13 @@ def test_the_loaded_string_in_sines_is_the_limit_of_its_beads() -> None:
 
 
 def test_statics_come_to_the_exact_answer_with_their_residual() -> None:
+    force, exact = statics._planar_exact()
+    model = statics.chain.cold_model(statics.chain.YOUNG[-1], force)
+    rest = model.to_physical(model.positions, "length").value_in_unit(unit.meter)
     (planar,) = statics.planar_studies(quick=True)
+    stiff = planar.measure(Setting(30, method=statics.MINIMISER, effort=1e9), 1)  # it stops where it begins
+    begun = float(rest[-1, 0] - rest[0, 0]) / statics.chain.CONTOUR
+    assert stiff.deviations[0] == pytest.approx(begun / exact - 1)
     assert planar.default is not None
     found = planar.measure(planar.default, 1)
     assert abs(found.deviations[0]) < 1e-9
@@ -235,6 +285,13 @@ def test_a_thermal_run_gives_a_deviation_a_replica() -> None:
     assert abs(first.known(setting)) < 0.027
 
 
+def test_the_error_of_a_correlation_is_relative(monkeypatch: pytest.MonkeyPatch) -> None:
+    exact = thermal.helix.exact()[thermal.SEPARATION]
+    monkeypatch.setattr(thermal, "run", lambda *_: (np.array([1.01 * exact]), 1.0))
+    (made,) = thermal.helix_studies(quick=True)
+    assert made.measure(made.settings[0], 1).deviations == pytest.approx([0.01])
+
+
 def test_tables_and_figures_are_written(tmp_path: Path) -> None:
     runs = [outcome(n, n / 10, n**-2.0) for n in (10, 20, 40)]
     order = Order("segments", "segments", -2.0, lambda s: True)
@@ -243,7 +300,16 @@ def test_tables_and_figures_are_written(tmp_path: Path) -> None:
     tables.write_runs(tmp_path / "runs.csv", [made, noisy])
     tables.write_table(tmp_path / "table.csv", [made, noisy])
     figures.draw_system(tmp_path / "made.png", [made, noisy])
+    ax = Figure(layout="constrained").add_subplot()
+    figures._front(ax, made)
+    ax.figure.draw_without_rendering()
+    legend = ax.get_legend()
+    assert legend is not None
+    assert not legend.get_window_extent().overlaps(ax.get_window_extent())  # it would hide points
     assert (tmp_path / "made.png").stat().st_size > 10_000
+    effort = Order("scatter, length of the run", "effort", -0.5, lambda s: True)
+    none = study([Outcome(Setting(5, effort=1.0), (), "refused")], orders=(effort,), known=lambda s: 0.0)
+    figures.draw_system(tmp_path / "none.png", [none])
     rows = list(csv.DictReader((tmp_path / "runs.csv").read_text().splitlines()))
     assert [row["default"] for row in rows] == ["0", "0", "1", "0"]
     assert float(rows[1]["error"]) == pytest.approx(1 / 400)

@@ -21,7 +21,7 @@ from openmm_filament import bending, stretching, torsion
 from openmm_filament.divergence import DivergedError
 from openmm_filament.inspection import PreflightWarning
 from systems import stability
-from systems.stability import cells, exact, figures, limits, pulls, scales, shapes, thermal
+from systems.stability import cells, exact, figures, limits, precision, pulls, scales, shapes, thermal
 
 CHEAP: dict[str, Callable[[], Iterable[cells.Cell]]] = {
     "limits": lambda: limits.limits(quick=True, into=[]),
@@ -31,6 +31,11 @@ CHEAP: dict[str, Callable[[], Iterable[cells.Cell]]] = {
     "coincident": shapes.coincident,
     "dihedrals": shapes.dihedrals,
     "amplitudes": lambda: scales.amplitudes(quick=True),
+    "drifts": lambda: limits.drifts(quick=True, into=[]),
+    "ratios": lambda: scales.ratios(quick=True),
+    "counts": lambda: islice(scales.counts(quick=True), 6),
+    "forces": lambda: islice(pulls.forces(quick=True), 6),
+    "precision": lambda: islice(precision.precisions(quick=True), 32),
 }
 
 
@@ -97,11 +102,34 @@ def test_a_limit_ten_per_cent_off_is_wrong(monkeypatch: pytest.MonkeyPatch) -> N
     [
         (lambda: 1e-4, "right"), (lambda: 0.1, "wrong"), (lambda: math.nan, "wrong"), (lambda: (0.1, 0.2), "right"),
         (lambda: of.Filament(np.zeros((2, 3)) * NM, 1 * unit.dalton, ()), "refused"), (lambda: 1 / 0, "wrong"),
-        (lambda: float("x"), "wrong"), (lambda: mm.VerletIntegrator("x"), "wrong"),
+        (lambda: math.log(0), "wrong"), (lambda: float("x"), "wrong"), (lambda: mm.VerletIntegrator("x"), "wrong"),
     ],
 )  # fmt: skip
 def test_a_cell_is_what_came_of_running_it(run: Callable[[], float], outcome: str) -> None:
     assert cells.judged(("a", "b", "c", 1.0), "run", run).outcome == outcome
+
+
+def test_a_pair_that_is_lost_in_a_nan_is_wrong() -> None:
+    spring = stretching.Harmonic(500 * KJ / NM**2)
+    model = of.build(of.Filament(of.shapes.line(1, 1 * NM), 1 * unit.dalton, (spring,)))
+    assert scales._ringing(model, math.sqrt(1000)) < 1e-9
+    assert math.isnan(scales._ringing(model, math.nan))
+
+
+def test_a_nan_in_the_forces_of_one_term_is_no_smaller_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = of.build(scales._chain(*scales._terms(500.0, 50.0, 10.0)))
+    context = cells.reference(model, mm.VerletIntegrator(1e-12))
+    found = iter([1e-9, math.nan, 1e-9])
+    monkeypatch.setattr(scales.exact, "error", lambda *_: next(found))
+    assert math.isnan(scales._worst_error(model, context, model.positions.value_in_unit(NM)))
+
+
+def test_a_mean_energy_that_is_nan_is_the_worst() -> None:
+    assert thermal._worst([(0.1, 1.0), (0.3, 2.0)]) == (0.3, 2.0)
+    for place in range(3):
+        found = [(0.01, 0.1)] * 3
+        found[place] = (math.nan, math.nan)
+        assert math.isnan(thermal._worst(found)[0])
 
 
 # The exact answers by another route ---------------------------------------------------------------------------------

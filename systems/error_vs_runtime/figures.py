@@ -26,13 +26,24 @@ def draw_system(path: Path, studies: Sequence[Study]) -> None:
     """A column a question: error against wall time above, error against what is swept below."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.6 * len(studies), 8.6), layout="constrained")
+    figure = Figure(figsize=(6.8 * len(studies), 8.6), layout="constrained")
     axes = figure.subplots(2, len(studies), squeeze=False)
     for column, study in enumerate(studies):
+        if not any(o.results and o.error > 0 for o in study.outcomes):
+            _nothing(list(axes[:, column]), study)
+            continue
         _front(axes[0, column], study)
         _convergence(axes[1, column], study)
     figure.suptitle(f"{studies[0].system}: error against wall time, and how it converges", fontsize=13)
     figure.savefig(path, dpi=130)
+
+
+def _nothing(axes: Sequence[Axes], study: Study) -> None:
+    """What did not run at all has no axes."""
+    for ax in axes:
+        ax.set_axis_off()
+    why = next((o.failure for o in study.outcomes), "")
+    axes[0].text(0.5, 0.5, f"{study.question}\nnothing ran: {why}", ha="center", va="center", fontsize=9, wrap=True)
 
 
 def _series(study: Study) -> dict[str, list[Outcome]]:
@@ -81,7 +92,7 @@ def _front(ax: Axes, study: Study) -> None:
     ax.title.set_fontsize(10)
     _ticks(ax)
     ax.grid(alpha=0.25)
-    ax.legend(fontsize=7, labelspacing=0.8)
+    ax.legend(fontsize=7, labelspacing=0.8, loc="upper left", bbox_to_anchor=(1.01, 1.0))  # inside it would hide points
 
 
 def _ticks(ax: Axes) -> None:
@@ -121,7 +132,7 @@ def _convergence(ax: Axes, study: Study) -> None:
             x, y, _MARKERS[i], color=f"C{i}", ms=9 - 2 * i if len(study.orders) > 1 else 6, mfc="none" if i else None,
             label=f"{order.name}: measured {measured}, theory {order.theory:g}",
         )  # fmt: skip
-        if scatter:
+        if scatter and chosen:
             _apart(ax, study, [chosen[k] for k in by])
         if len(x) and math.isfinite(y[-1]) and y.max() > 0:
             anchor = int(np.argmin(y)) if order.variable == "segments" else int(np.argmax(y))
@@ -158,7 +169,10 @@ def _residuals(ax: Axes, study: Study) -> None:
         residual = [o.residual for o in some]
         statics = not all(math.isnan(r) for r in residual)
         x = residual if statics else [o.setting.step for o in some]
-        ax.plot(x, [o.error for o in some], _MARKERS[i % len(_MARKERS)], color=f"C{i % 10}", ms=5, label=name)
+        ax.plot(
+            x, [o.error for o in some], _MARKERS[i % len(_MARKERS)], color=f"C{i % 10}", ms=5 if i else 8, label=name,
+            mfc=f"C{i % 10}" if i else "none",
+        )  # fmt: skip
         ax.set_xlabel("largest force left over the load" if statics else _LABELS["step"])
         ax.set_title("deviation and residual" if statics else "error by time step", fontsize=10)
     ax.set(xscale="log", yscale="log", ylabel="largest relative error")

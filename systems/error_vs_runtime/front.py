@@ -29,27 +29,18 @@ def pareto(seconds: Array, errors: Array) -> NDArray[np.intp]:
 
 
 def time_to(seconds: Array, errors: Array, wanted: float) -> float:
-    """Wall time at which the front reaches an error, straight between its points on logarithmic axes.
+    """Wall time of the cheapest setting whose error is as wanted, a point of the front; NaN where no setting is as good.
 
-    The first point's time where that is already as good: nothing cheaper was tried. NaN where no setting is as good.
+    Nothing is read off between two points of the front: they may be of unlike methods.
     """
-    front = pareto(seconds, errors)
-    if not len(front) or errors[front[-1]] > wanted:
-        return math.nan
-    t, e = seconds[front], errors[front]
-    if e[0] <= wanted:
-        return float(t[0])
-    i = int(np.argmax(e <= wanted))
-    if e[i] == 0:
-        return float(t[i])
-    part = math.log(e[i - 1] / wanted) / math.log(e[i - 1] / e[i])
-    return float(t[i - 1] * (t[i] / t[i - 1]) ** part)
+    return next((float(seconds[i]) for i in pareto(seconds, errors) if errors[i] <= wanted), math.nan)
 
 
 def thermal_time_to(seconds: float, scatter: float, bias: float, wanted: float) -> float:
     """Wall time after which bias and two standard deviations are as wanted: scatter falls as one over the root of time.
 
-    Infinite where the bias alone is larger. It reaches beyond the runs made, whose scatter need not be as small.
+    Infinite where the bias alone is larger. It reaches beyond the runs made, whose scatter need not be as small, and below
+    them, where building and warming up would not leave so little.
     """
     left = wanted - abs(bias)
     return seconds * (2 * scatter / left) ** 2 if left > 0 else math.inf

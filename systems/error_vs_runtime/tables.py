@@ -29,7 +29,8 @@ _COLUMNS = (
 def times(study: Study) -> list[float]:
     """Wall seconds to 10 %, 1 % and 0.1 %: on the front, or where there is noise by the law of the scatter.
 
-    Of a thermal setting the error is the known bias and two standard deviations of a run; NaN where no setting gets there.
+    Of a thermal setting the error is the known bias and two standard deviations of a run, and the time at least that of a run
+    which was made; NaN where no setting gets there.
     """
     counted = [o for o in study.outcomes if o.results]
     if not study.thermal:
@@ -41,7 +42,8 @@ def times(study: Study) -> list[float]:
 
 def _thermal(study: Study, outcome: Outcome, wanted: float) -> float:
     assert study.known is not None
-    return thermal_time_to(outcome.seconds, outcome.scatter, study.known(outcome.setting), wanted)
+    found = thermal_time_to(outcome.seconds, outcome.scatter, study.known(outcome.setting), wanted)
+    return max(found, outcome.seconds)
 
 
 def front_row(study: Study) -> list[str]:
@@ -52,7 +54,8 @@ def front_row(study: Study) -> list[str]:
 def _seconds(value: float) -> str:
     if math.isnan(value):
         return "-"
-    return f"{1e3 * value:.2g} ms" if value < 0.1 else f"{value:.2g} s" if value < 600 else f"{value / 60:.0f} min"
+    number, unit = (1e3 * value, "ms") if value < 0.1 else (value, "s") if value < 600 else (value / 60, "min")
+    return f"{float(f'{number:.2g}'):g} {unit}"
 
 
 def printed(studies: Sequence[Study]) -> Table:

@@ -29,7 +29,7 @@ _SAYS_WHY = (
     "diverged",
     "heated up",
     "NOT converged",
-    "error",
+    "carry an error of",
     "should",
     "is lost there",
     "few digits",

@@ -62,7 +62,8 @@ def draw(
             _series(drawn[-1], limits, drifts)
     said = ", ".join(f"{sum(c.outcome == n for c in cells)} {n}" for n in ("right", *_WORDS))
     figure.suptitle(
-        f"What breaks it, by running: {said}\nin each cell the power of ten of the relative error", fontsize=17
+        f"What breaks it, by running: {said}\nin each cell the power of ten of the relative error, 0 where there is none",
+        fontsize=17,
     )
     figure.savefig(path, dpi=75)
 

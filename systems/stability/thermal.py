@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -102,14 +102,17 @@ def _error(kelvin: float, steps: int, *, bent: bool) -> tuple[float, float]:
                 energy = simulation.context.getState(energy=True, groups=1 << group).getPotentialEnergy()
                 sums[family] += energy.value_in_unit(KJ) / counts[family] / samples
         blocks.append(sums)
-    worst, ratio = (0.0, math.inf), -1.0
+    found = []
     for family, right in exact_energies(kelvin, bent=bent).items():
         values = np.array([block[family] for block in blocks])
-        error = abs(float(values.mean()) / right - 1)
-        allowed = _BIAS + _SIGMAS * float(values.std(ddof=1)) / math.sqrt(_BLOCKS) / right
-        if not error / allowed <= ratio:
-            worst, ratio = (error, allowed), error / allowed
-    return worst
+        spread = float(values.std(ddof=1)) / math.sqrt(_BLOCKS)
+        found.append((abs(float(values.mean()) / right - 1), _BIAS + _SIGMAS * spread / right))
+    return _worst(found)
+
+
+def _worst(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Of errors and what they may be the pair with the largest ratio; the first with a NaN if there is one."""
+    return found[int(np.argmax([error / allowed for error, allowed in found]))]
 
 
 def temperatures(*, quick: bool) -> Iterator[Cell]:

@@ -76,7 +76,7 @@ def _planar(setting: Setting, seed: int) -> Result:
     else:
         x, residual = _minimised(model, setting.effort)
     wall = time.perf_counter() - begun
-    return Result(wall, np.array([float(x[-1, 0] - x[0, 0]) / chain.CONTOUR - exact]), residual)
+    return Result(wall, np.array([float(x[-1, 0] - x[0, 0]) / chain.CONTOUR / exact - 1]), residual)
 
 
 def _default_stages() -> float:

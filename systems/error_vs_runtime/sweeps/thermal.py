@@ -211,7 +211,7 @@ def _correlation(x: Array) -> Array:
 
 def _helix(setting: Setting, seed: int) -> Result:
     found, wall = run(helix.filament(), 0.0, helix.KELVIN, setting, seed, _correlation)
-    return Result(wall, found - helix.exact()[SEPARATION])
+    return Result(wall, found / helix.exact()[SEPARATION] - 1)
 
 
 def helix_studies(*, quick: bool) -> list[Study]:
