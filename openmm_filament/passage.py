@@ -56,10 +56,11 @@ class Barrier:
 
 
 def barrier(model: Model, positions: unit.Quantity | None = None) -> Barrier | None:
-    """The barrier between the filaments of a model with `contact.Repulsion`, from its weakest numbers; None without contact.
+    """The barrier between the filaments of a model with `contact.Repulsion`, from its weakest numbers; None without contact
+    or without bonds.
 
-    The longest bond (at physical `positions`, (N, 3); by default the rest shapes), the smallest diameter and the softest
-    springs of any filament are taken together, so that no pair of filaments has less. Levers and wedges can make more of
+    The longest bond (of those at rest and at physical `positions`, (N, 3), by default the rest shapes), the smallest
+    diameter and the softest springs of the filaments in contact are taken together, so that no pair of them has less. Levers and wedges can make more of
     a force than it is; an energy cannot be passed.
     """
     numbers = _weakest(model, check.finite("positions", internal_positions(model, positions)))
@@ -79,9 +80,18 @@ def _weakest(model: Model, x: Array) -> tuple[float, float, float, float] | None
         [start + chain_indices(len(f), 2, f.closed) for start, f in zip(model.starts, model.filaments, strict=False)]
     )
     bonds = bonds[np.isin(bonds, members).all(axis=1)]
-    spacing = float(np.linalg.norm(x[bonds[:, 1]] - x[bonds[:, 0]], axis=-1).max(initial=0.0))
-    springs = [i.parameters["k"] for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
-    stretching = min((float(k.min()) for k in springs), default=0.0)
+    if not len(bonds):  # lone beads, which nothing could be threaded through
+        return None
+    spacing = float(np.linalg.norm(x[bonds[:, 1]] - x[bonds[:, 0]], axis=-1).max())
+    stretching, sprung = math.inf, []
+    for interaction in model.interactions:
+        if interaction.term.family == "stretching":
+            inside = np.isin(interaction.beads, members).all(axis=1)
+            sprung.append(interaction.beads[inside])
+            stretching = float(interaction.parameters["k"][inside].min(initial=stretching))
+            spacing = float(interaction.parameters["r0"][inside].max(initial=spacing))
+    if not sprung or len(np.unique(np.concatenate(sprung), axis=0)) < len(bonds):
+        stretching = 0.0  # a bond without a spring
     return spacing, float(crowd.parameters["d"].min()), float(crowd.parameters["k"].min()), stretching
 
 
@@ -89,32 +99,34 @@ def _weakest(model: Model, x: Array) -> tuple[float, float, float, float] | None
 def crossing_energy(spacing: float, diameter: float, stiffness: float, stretching: float) -> float:
     """The least energy of two straight crossed bead chains whose axes meet, in one consistent set of units.
 
-    The chains cross at a right angle, where they overlap least, at any place along their bonds; the two bonds that cross
-    may open, each half of a chain moving away with it. Without bonds that resist there is no barrier.
+    The chains cross at a right angle, where they overlap least, at any place along their bonds, those at their ends too;
+    the two bonds that cross may open, the parts of a chain moving away with them. Without bonds that resist there is no
+    barrier.
     """
     if not stretching > 0:
         return 0.0
-    if not spacing:
-        return stiffness * diameter**2 / 2
     from scipy.optimize import minimize
 
-    number = np.arange(-_REACH, _REACH + 2)
+    whole, end = np.arange(-_REACH, _REACH + 2), np.arange(-_REACH, 2)  # bonds that cross lie between beads 0 and 1
 
-    def energy(where: Array) -> float:
-        p, q, *gaps = where  # offsets of the crossing from the bonds' middles, and their openings, over the spacing
+    def energy(where: Array, chains: tuple[NDArray[np.int64], NDArray[np.int64]]) -> float:
+        offsets, gaps = where[:2], where[2:]  # of the crossing from the bonds' middles, and openings, over the spacing
         u, v = (
             spacing * (number - 0.5 - offset + gap * (np.where(number > 0, 0.5, -0.5)))
-            for offset, gap in zip((p, q), gaps, strict=True)
+            for number, offset, gap in zip(chains, offsets, gaps, strict=True)
         )
         depth = np.maximum(diameter - np.sqrt(u[:, None] ** 2 + v**2), 0)
-        stored = stiffness / 2 * (depth**2).sum() + stretching / 2 * sum((spacing * gap) ** 2 for gap in gaps)
+        stored = stiffness / 2 * (depth**2).sum() + stretching / 2 * float((spacing * gaps) @ (spacing * gaps))
         return float(stored / (stiffness * diameter**2))
 
-    bounds = [(0, 0.5)] * 2 + [(0, 4 * diameter / spacing)] * 2
+    bounds = [(-0.5, 0.5)] * 2 + [(0, 4 * diameter / spacing)] * 2
     starts = [(p, q, 0.1, 0.1) for p, q in ((0.01, 0.01), (0.25, 0.25), (0.01, 0.49), (0.49, 0.49))]
-    return (
-        stiffness * diameter**2 * min(float(minimize(energy, s, method="L-BFGS-B", bounds=bounds).fun) for s in starts)
+    least = min(
+        float(minimize(energy, start, args=(chains,), method="L-BFGS-B", bounds=bounds).fun)
+        for chains in ((whole, whole), (whole, end), (end, end))
+        for start in starts
     )
+    return stiffness * diameter**2 * least
 
 
 def reason_to_refuse(model: Model, context: mm.Context | None, x: Array) -> str | None:

@@ -263,6 +263,25 @@ def test_barrier_is_the_lowest_of_any_crossing() -> None:
             assert contacts.energy(x) + bonds.energy(x) >= least * (1 - 1e-9)
 
 
+def test_barrier_at_the_ends_of_chains() -> None:
+    """Chains whose last bonds cross overlap less than in their middles, and that is what counts: beads nearest to the crossing
+    and those behind, by hand for bonds that do not give way.
+    """
+    spacing, rigid = 0.5, 1e9
+    rows = np.array([0.25, -0.25, -0.75, -1.25, -1.75])  # the last bond crossed in its middle
+    offsets = np.linspace(-0.5, 0.5, 201)[:, None] * spacing
+
+    def overlap(u: Array, v: Array) -> Array:
+        r = np.sqrt(u[:, None, :, None] ** 2 + v[None, :, None, :] ** 2)
+        return 0.5 * (np.maximum(1 - r, 0) ** 2).sum(axis=(2, 3))
+
+    whole = np.concatenate([rows, [0.75, 1.25, 1.75]])
+    at_ends = overlap(rows - offsets, rows - offsets).min()
+    within = overlap(whole - offsets, whole - offsets).min()
+    assert at_ends < 0.9 * within
+    assert passage.crossing_energy(spacing, 1.0, 1.0, rigid) == pytest.approx(at_ends, rel=1e-3)
+
+
 def jumps(model: of.Model, speeds: Array | None, steps: int = 6000) -> bool:
     """Whether the linking integral of two filaments jumps in a run without thermostat: one has passed through the other."""
     integrator = of.verlet(model)
@@ -347,6 +366,22 @@ def test_preflight_refuses_what_could_pass() -> None:
     with pytest.raises(PreflightError, match=r"steady force on filaments .* pN"):
         of.preflight(of.build(crossed(0.5), loads))
     assert of.preflight(model, context_of(model)).force_errors["contact"] <= 1e-3
+
+
+def test_preflight_looks_at_every_bond_in_contact() -> None:
+    held, loose = crossed(0.5)
+    unbound = of.Filament(loose.rest, loose.masses, loose.terms[1:])
+    with pytest.raises(PreflightError, match="nothing resists stretching"):
+        of.preflight(of.build([held, unbound]))
+    soft = of.Filament(loose.rest, loose.masses, (stretching.Harmonic(1e-9 * STIFF), *loose.terms[1:2]))
+    assert of.barrier(of.build([held, soft])).energy._value == of.barrier(of.build(held)).energy._value
+    long = of.Filament(loose.rest, loose.masses, (stretching.Harmonic(100 * STIFF, 1.5 * NM), *loose.terms[1:]))
+    with pytest.raises(PreflightError, match=r"within 1\.41 diameters .* but are 1\.5 apart"):
+        of.preflight(of.build([held, long]))
+    touch = (contact.Repulsion(1 * NM, 100 * STIFF),)
+    beads = of.build([of.Filament([[0, 0, z]] * NM, 1 * unit.dalton, touch) for z in (0.0, 1.2)])
+    assert of.barrier(beads) is None
+    of.preflight(beads)
 
 
 def test_preflight_refuses_strides_and_warns_of_overlaps() -> None:

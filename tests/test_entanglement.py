@@ -423,8 +423,12 @@ def test_broken_curves_are_refused(curve: Array, message: str) -> None:
 
 
 def test_curves_are_closed_or_not() -> None:
-    with pytest.raises(ValueError, match="`closed` must be one or two of True and False"):
-        analysis.linking(SQUARE, HOOKED, closed=(True, False, True))  # type: ignore[arg-type]
+    for closed in ((True, False, True), [True, False], np.array([True, False]), (1, 0), "no"):
+        with pytest.raises(ValueError, match="`closed` must be True, False or a tuple of two of them, but is"):
+            analysis.linking(SQUARE, HOOKED, closed=closed)  # type: ignore[arg-type]
+    for single in ((True, False), 1, "no"):
+        with pytest.raises(ValueError, match="`closed` must be True or False, but is"):
+            analysis.writhe(SQUARE, closed=single)  # type: ignore[arg-type]
 
 
 def test_curves_of_other_frames_are_refused() -> None:
