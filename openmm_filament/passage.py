@@ -60,8 +60,8 @@ def barrier(model: Model, positions: unit.Quantity | None = None) -> Barrier | N
     or without bonds.
 
     The longest bond (of those at rest and at physical `positions`, (N, 3), by default the rest shapes), the smallest
-    diameter and the softest springs of the filaments in contact are taken together, so that no pair of them has less. Levers and wedges can make more of
-    a force than it is; an energy cannot be passed.
+    diameter and the softest springs of the filaments in contact are taken together, so that no pair of them has less.
+    Levers and wedges can make more of a force than it is; an energy cannot be passed.
     """
     numbers = _weakest(model, check.finite("positions", internal_positions(model, positions)))
     if numbers is None:
