@@ -132,14 +132,16 @@ def crossing_energy(spacing: float, diameter: float, stiffness: float, stretchin
 def reason_to_refuse(model: Model, context: mm.Context | None, x: Array) -> str | None:
     """Why filaments could pass through one another at internal positions (N, 3), or None.
 
-    Without a Context the spacing and the loads are judged, with one its temperature, motion and time step too.
+    Without a Context the spacing and the loads are judged, with one its temperature, motion and time step too. Judged is
+    what acts now: not what loads add to the motion of filaments on a long way to one another, what bent filaments let go,
+    nor traps that are moved later.
     """
     numbers = _weakest(model, x)
     if numbers is None:
         return None
     energy = crossing_energy(*numbers)
     at_rest = _of_spacing(*numbers, energy) or _of_loads(model, context, x, energy, numbers[1])
-    return at_rest or (None if context is None else _of_motion(model, context, energy, numbers[1]))
+    return at_rest or (None if context is None else _of_motion(model, context, x, energy, numbers[1]))
 
 
 def _of_spacing(spacing: float, diameter: float, stiffness: float, stretching: float, energy: float) -> str | None:
@@ -150,13 +152,13 @@ def _of_spacing(spacing: float, diameter: float, stiffness: float, stretching: f
 
 
 def _of_loads(model: Model, context: mm.Context | None, x: Array, energy: float, diameter: float) -> str | None:
-    push = sum(sorted(_pushes(model, context, x))[-2:])
+    push = _together(model, x, _pushes(model, context, x))
     if push * diameter <= energy:
         return None
     return _too_much(model, "steady force on filaments", "force", push, energy / diameter)
 
 
-def _of_motion(model: Model, context: mm.Context, energy: float, diameter: float) -> str | None:
+def _of_motion(model: Model, context: mm.Context, x: Array, energy: float, diameter: float) -> str | None:
     integrator = context.getIntegrator()
     kt = units.BOLTZMANN * (temperature_of(integrator) or 0.0)
     if _THERMAL * kt > energy:
@@ -164,7 +166,7 @@ def _of_motion(model: Model, context: mm.Context, energy: float, diameter: float
             f"The barrier between filaments in contact must be at least {_THERMAL:g} k_B T, but is {energy / kt:.3g}."
         )
     velocities = context.getState(velocities=True).getVelocities(asNumpy=True)._value
-    excess = sum(sorted(_excess_motion(model, velocities, kt))[-2:])
+    excess = _together(model, x, _excess_motion(model, velocities, kt))
     if excess > energy:
         return _too_much(model, "energy of motion of filaments", "energy", excess, energy)
     fastest = float(np.linalg.norm(velocities, axis=-1).max())
@@ -196,6 +198,21 @@ def _in_words(value: float, dimension: str) -> str:
         if shown < _MANY:
             break
     return f"{shown:.6g} {chosen.get_symbol()}"
+
+
+def _together(model: Model, x: Array, each: list[float]) -> float:
+    """The largest sum of what filaments have: of any two, or of all that lie on one another, a diameter apart at most."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    crowd = contact.crowd_of(model.interactions)
+    assert crowd is not None
+    members = crowd.beads[:, 0]
+    near = cKDTree(x[members]).query_pairs(2 * float(crowd.parameters["d"].max()), output_type="ndarray")
+    i, j = np.searchsorted(model.starts, members[near], side="right").T - 1
+    _, heaps = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(len(each),) * 2), directed=False)
+    return max(sum(sorted(each)[-2:]), float(np.bincount(heaps, weights=each).max()))
 
 
 def _pushes(model: Model, context: mm.Context | None, x: Array) -> list[float]:

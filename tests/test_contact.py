@@ -346,6 +346,21 @@ def test_the_hardest_pushed_filaments_admitted_do_not_pass(spacing: float, bend:
     assert jumps(pushed(16.0), None)
 
 
+def test_pushes_of_filaments_on_one_another_add_up() -> None:
+    """A heap pressed on a held rod, each no harder than two may be; apart, they do not press."""
+    force = 0.49 * of.barrier(of.build(crossed(0.5, beads=8))).force._value / 8
+
+    def heap(apart: float, rods: int) -> of.Model:
+        axes = np.eye(3)[:2]
+        chains = [rod(8, 0.5, axes[n % 2], np.array([0, 0, apart * n])) for n in range(rods)]
+        pulls = [[of.loads.Pull(i, (0, 0, -force) * KJ / NM) for i in range(8)] for _ in chains[1:]]
+        return of.build(chains, [[of.loads.Hold(range(8))], *pulls])
+
+    assert admitted(heap(1.0, 3), None)
+    assert not admitted(heap(1.0, 4), None)
+    assert admitted(heap(3.0, 4), None)
+
+
 def context_of(model: of.Model, temperature: float = 100.0) -> mm.Context:
     integrator = of.langevin(model, temperature=temperature * KELVIN, seed=1)
     context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName("CPU"), CPU)
