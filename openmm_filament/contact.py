@@ -67,7 +67,7 @@ class Repulsion(Overlap):
     weaker than `of.barrier`; `preflight` checks it.
 
     It becomes a CustomNonbondedForce with a cutoff at d, whose cost grows linearly with the beads. On OpenMM's Reference
-    platform a step costs fifty times one on its CPU platform, so choose with `fastest_platform`. Replicas that shall not
+    platform a step costs some twenty times one on its CPU platform, so choose with `fastest_platform`. Replicas that shall not
     meet belong far apart.
 
     Parameters

@@ -15,6 +15,7 @@ from openmm import unit
 from openmm_filament import _checks as check
 from openmm_filament import contact, traps, units
 from openmm_filament.evaluation import internal_positions
+from openmm_filament.falling import energy_of_falling
 from openmm_filament.geometry import chain_indices
 from openmm_filament.integrators import temperature_of
 from openmm_filament.model import Model
@@ -56,11 +57,12 @@ class Barrier:
 
 
 def barrier(model: Model, positions: unit.Quantity | None = None) -> Barrier | None:
-    """The barrier between the filaments of a model with `contact.Repulsion`, from its weakest numbers; None without contact.
+    """The barrier between the filaments of a model with `contact.Repulsion`, from its weakest numbers; None without contact
+    or without bonds.
 
-    The longest bond (at physical `positions`, (N, 3); by default the rest shapes), the smallest diameter and the softest
-    springs of any filament are taken together, so that no pair of filaments has less. Levers and wedges can make more of
-    a force than it is; an energy cannot be passed.
+    The longest bond (of those at rest and at physical `positions`, (N, 3), by default the rest shapes), the smallest
+    diameter and the softest springs of the filaments in contact are taken together, so that no pair of them has less.
+    Levers and wedges can make more of a force than it is; an energy cannot be passed.
     """
     numbers = _weakest(model, check.finite("positions", internal_positions(model, positions)))
     if numbers is None:
@@ -79,9 +81,18 @@ def _weakest(model: Model, x: Array) -> tuple[float, float, float, float] | None
         [start + chain_indices(len(f), 2, f.closed) for start, f in zip(model.starts, model.filaments, strict=False)]
     )
     bonds = bonds[np.isin(bonds, members).all(axis=1)]
-    spacing = float(np.linalg.norm(x[bonds[:, 1]] - x[bonds[:, 0]], axis=-1).max(initial=0.0))
-    springs = [i.parameters["k"] for i in model.interactions if i.term.family == "stretching" and len(i.beads)]
-    stretching = min((float(k.min()) for k in springs), default=0.0)
+    if not len(bonds):  # lone beads, which nothing could be threaded through
+        return None
+    spacing = float(np.linalg.norm(x[bonds[:, 1]] - x[bonds[:, 0]], axis=-1).max())
+    stretching, sprung = math.inf, []
+    for interaction in model.interactions:
+        if interaction.term.family == "stretching":
+            inside = np.isin(interaction.beads, members).all(axis=1)
+            sprung.append(interaction.beads[inside])
+            stretching = float(interaction.parameters["k"][inside].min(initial=stretching))
+            spacing = float(interaction.parameters["r0"][inside].max(initial=spacing))
+    if not sprung or len(np.unique(np.concatenate(sprung), axis=0)) < len(bonds):
+        stretching = 0.0  # a bond without a spring
     return spacing, float(crowd.parameters["d"].min()), float(crowd.parameters["k"].min()), stretching
 
 
@@ -89,45 +100,57 @@ def _weakest(model: Model, x: Array) -> tuple[float, float, float, float] | None
 def crossing_energy(spacing: float, diameter: float, stiffness: float, stretching: float) -> float:
     """The least energy of two straight crossed bead chains whose axes meet, in one consistent set of units.
 
-    The chains cross at a right angle, where they overlap least, at any place along their bonds; the two bonds that cross
-    may open, each half of a chain moving away with it. Without bonds that resist there is no barrier.
+    The chains cross at a right angle, where they overlap least, at any place along their bonds, those at their ends too;
+    the two bonds that cross may open, the parts of a chain moving away with them. Without bonds that resist there is no
+    barrier.
     """
     if not stretching > 0:
         return 0.0
-    if not spacing:
-        return stiffness * diameter**2 / 2
     from scipy.optimize import minimize
 
-    number = np.arange(-_REACH, _REACH + 2)
+    whole, end = np.arange(-_REACH, _REACH + 2), np.arange(-_REACH, 2)  # bonds that cross lie between beads 0 and 1
 
-    def energy(where: Array) -> float:
-        p, q, *gaps = where  # offsets of the crossing from the bonds' middles, and their openings, over the spacing
+    def energy(where: Array, chains: tuple[NDArray[np.int64], NDArray[np.int64]]) -> float:
+        offsets, gaps = where[:2], where[2:]  # of the crossing from the bonds' middles, and openings, over the spacing
         u, v = (
             spacing * (number - 0.5 - offset + gap * (np.where(number > 0, 0.5, -0.5)))
-            for offset, gap in zip((p, q), gaps, strict=True)
+            for number, offset, gap in zip(chains, offsets, gaps, strict=True)
         )
         depth = np.maximum(diameter - np.sqrt(u[:, None] ** 2 + v**2), 0)
-        stored = stiffness / 2 * (depth**2).sum() + stretching / 2 * sum((spacing * gap) ** 2 for gap in gaps)
+        stored = stiffness / 2 * (depth**2).sum() + stretching / 2 * float((spacing * gaps) @ (spacing * gaps))
         return float(stored / (stiffness * diameter**2))
 
-    bounds = [(0, 0.5)] * 2 + [(0, 4 * diameter / spacing)] * 2
+    bounds = [(-0.5, 0.5)] * 2 + [(0, 4 * diameter / spacing)] * 2
     starts = [(p, q, 0.1, 0.1) for p, q in ((0.01, 0.01), (0.25, 0.25), (0.01, 0.49), (0.49, 0.49))]
-    return (
-        stiffness * diameter**2 * min(float(minimize(energy, s, method="L-BFGS-B", bounds=bounds).fun) for s in starts)
+    least = min(
+        float(minimize(energy, start, args=(chains,), method="L-BFGS-B", bounds=bounds).fun)
+        for chains in ((whole, whole), (whole, end), (end, end))
+        for start in starts
     )
+    return stiffness * diameter**2 * least
 
 
 def reason_to_refuse(model: Model, context: mm.Context | None, x: Array) -> str | None:
     """Why filaments could pass through one another at internal positions (N, 3), or None.
 
-    Without a Context the spacing and the loads are judged, with one its temperature, motion and time step too.
+    Without a Context the spacing and the loads are judged, with one its temperature, motion and time step too. Judged is
+    what acts now, and what steady forces give free filaments on their way to one another: not what bent filaments let go,
+    nor traps that are moved later.
     """
     numbers = _weakest(model, x)
     if numbers is None:
         return None
-    energy = crossing_energy(*numbers)
-    at_rest = _of_spacing(*numbers, energy) or _of_loads(model, context, x, energy, numbers[1])
-    return at_rest or (None if context is None else _of_motion(model, context, energy, numbers[1]))
+    energy, diameter = crossing_energy(*numbers), numbers[1]
+    if reason := _of_spacing(*numbers, energy):
+        return reason
+    falling = energy_of_falling(model, x, _friction(context))
+    pushing = _together(model, x, _pushes(model, context, x)) * diameter
+    if pushing > energy:
+        return _too_much(model, "steady force on filaments", "force", pushing / diameter, energy / diameter)
+    if pushing + falling > energy:
+        what = "energy that steady forces give, on the way and at the crossing, to filaments"
+        return _too_much(model, what, "energy", pushing + falling, energy)
+    return None if context is None else _of_motion(model, context, x, energy - pushing - falling, diameter)
 
 
 def _of_spacing(spacing: float, diameter: float, stiffness: float, stretching: float, energy: float) -> str | None:
@@ -137,22 +160,22 @@ def _of_spacing(spacing: float, diameter: float, stiffness: float, stretching: f
     return f"Beads in contact must stand within 1.41 diameters along a filament that is not to be passed, but {why}."
 
 
-def _of_loads(model: Model, context: mm.Context | None, x: Array, energy: float, diameter: float) -> str | None:
-    push = sum(sorted(_pushes(model, context, x))[-2:])
-    if push * diameter <= energy:
-        return None
-    return _too_much(model, "steady force on filaments", "force", push, energy / diameter)
+def _friction(context: mm.Context | None) -> float:
+    """Of the thermostat, 1/ps; zero without one."""
+    rate = None if context is None else getattr(context.getIntegrator(), "getFriction", None)
+    return 0.0 if rate is None else float(rate().value_in_unit(unit.picosecond**-1))
 
 
-def _of_motion(model: Model, context: mm.Context, energy: float, diameter: float) -> str | None:
+def _of_motion(model: Model, context: mm.Context, x: Array, energy: float, diameter: float) -> str | None:
     integrator = context.getIntegrator()
     kt = units.BOLTZMANN * (temperature_of(integrator) or 0.0)
     if _THERMAL * kt > energy:
         return (
-            f"The barrier between filaments in contact must be at least {_THERMAL:g} k_B T, but is {energy / kt:.3g}."
+            f"The barrier between filaments in contact, less what loads do, must be at least {_THERMAL:g} k_B T, but is "
+            f"{energy / kt:.3g}."
         )
     velocities = context.getState(velocities=True).getVelocities(asNumpy=True)._value
-    excess = sum(sorted(_excess_motion(model, velocities, kt))[-2:])
+    excess = _together(model, x, _excess_motion(model, velocities, kt))
     if excess > energy:
         return _too_much(model, "energy of motion of filaments", "energy", excess, energy)
     fastest = float(np.linalg.norm(velocities, axis=-1).max())
@@ -184,6 +207,21 @@ def _in_words(value: float, dimension: str) -> str:
         if shown < _MANY:
             break
     return f"{shown:.6g} {chosen.get_symbol()}"
+
+
+def _together(model: Model, x: Array, each: list[float]) -> float:
+    """The largest sum of what filaments have: of any two, or of all that lie on one another, a diameter apart at most."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    crowd = contact.crowd_of(model.interactions)
+    assert crowd is not None
+    members = crowd.beads[:, 0]
+    near = cKDTree(x[members]).query_pairs(2 * float(crowd.parameters["d"].max()), output_type="ndarray")
+    i, j = np.searchsorted(model.starts, members[near], side="right").T - 1
+    _, heaps = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(len(each),) * 2), directed=False)
+    return max(sum(sorted(each)[-2:]), float(np.bincount(heaps, weights=each).max()))
 
 
 def _pushes(model: Model, context: mm.Context | None, x: Array) -> list[float]:

@@ -15,6 +15,7 @@ from scipy import integrate
 
 import openmm_filament as of
 from openmm_filament import bending, contact, passage, stretching
+from openmm_filament.falling import energy_of_falling
 from openmm_filament.inspection import PreflightError, PreflightWarning
 
 CPU = {"Threads": "1"}
@@ -263,6 +264,25 @@ def test_barrier_is_the_lowest_of_any_crossing() -> None:
             assert contacts.energy(x) + bonds.energy(x) >= least * (1 - 1e-9)
 
 
+def test_barrier_at_the_ends_of_chains() -> None:
+    """Chains whose last bonds cross overlap less than in their middles, and that is what counts: beads nearest to the crossing
+    and those behind, by hand for bonds that do not give way.
+    """
+    spacing, rigid = 0.5, 1e9
+    rows = np.array([0.25, -0.25, -0.75, -1.25, -1.75])  # the last bond crossed in its middle
+    offsets = np.linspace(-0.5, 0.5, 201)[:, None] * spacing
+
+    def overlap(u: Array, v: Array) -> Array:
+        r = np.sqrt(u[:, None, :, None] ** 2 + v[None, :, None, :] ** 2)
+        return 0.5 * (np.maximum(1 - r, 0) ** 2).sum(axis=(2, 3))
+
+    whole = np.concatenate([rows, [0.75, 1.25, 1.75]])
+    at_ends = overlap(rows - offsets, rows - offsets).min()
+    within = overlap(whole - offsets, whole - offsets).min()
+    assert at_ends < 0.9 * within
+    assert passage.crossing_energy(spacing, 1.0, 1.0, rigid) == pytest.approx(at_ends, rel=1e-3)
+
+
 def jumps(model: of.Model, speeds: Array | None, steps: int = 6000) -> bool:
     """Whether the linking integral of two filaments jumps in a run without thermostat: one has passed through the other."""
     integrator = of.verlet(model)
@@ -282,8 +302,9 @@ def jumps(model: of.Model, speeds: Array | None, steps: int = 6000) -> bool:
     return False
 
 
-def admitted(model: of.Model, speeds: Array | None) -> bool:
-    context = mm.Context(model.system, of.verlet(model), mm.Platform.getPlatformByName("CPU"), CPU)
+def admitted(model: of.Model, speeds: Array | None, *, damped: bool = False) -> bool:
+    damping = of.langevin(model, 1 * KELVIN, friction=1e3 / unit.picosecond) if damped else of.verlet(model)
+    context = mm.Context(model.system, damping, mm.Platform.getPlatformByName("CPU"), CPU)
     context.setPositions(model.positions)
     context.setVelocities(np.zeros((model.starts[-1], 3)) if speeds is None else speeds)
     try:
@@ -314,17 +335,70 @@ def test_the_fastest_filaments_admitted_do_not_pass(spacing: float, bend: float)
 @pytest.mark.parametrize("spacing", [0.5, 1.0])
 @pytest.mark.parametrize("bend", [5.0, 500.0])
 def test_the_hardest_pushed_filaments_admitted_do_not_pass(spacing: float, bend: float) -> None:
-    pairs = crossed(spacing, bend=bend, shift=0.5)
+    for apart in (1.4, 6.0):
+        pairs = crossed(spacing, bend=bend, shift=0.5, apart=apart)
+        most = of.barrier(of.build(pairs)).energy._value / (
+            2 + apart - 1
+        )  # both push a diameter, and each falls half the way
 
-    def pushed(share: float) -> of.Model:
-        force = share * of.barrier(of.build(pairs)).force._value / 2 / 16
-        pulls = [[of.loads.Pull(i, (0, 0, sign * force) * KJ / NM) for i in range(16)] for sign in (1, -1)]
-        return of.build(pairs, pulls)
+        def pushed(share: float, pairs: list[of.Filament] = pairs, most: float = most) -> of.Model:
+            force = share * most / 16
+            pulls = [[of.loads.Pull(i, (0, 0, sign * force) * KJ / NM) for i in range(16)] for sign in (1, -1)]
+            return of.build(pairs, pulls)
 
-    assert admitted(pushed(0.99), None)
-    assert not admitted(pushed(1.01), None)
-    assert not jumps(pushed(0.99), None)
-    assert jumps(pushed(16.0), None)
+        assert admitted(pushed(0.99), None)
+        assert not admitted(pushed(1.01), None)
+        assert not jumps(pushed(0.99), None)
+        assert jumps(pushed(16.0), None)
+
+
+def test_what_a_filament_gains_on_its_way() -> None:
+    """Uniform acceleration, by the run itself; the end speed with friction; nothing for what is held, misses or goes away."""
+    first, second = crossed(0.5, apart=6.0)
+    pull = [of.loads.Pull(i, (0, 0, 2.0) * KJ / NM) for i in range(16)]
+    model = of.build([first, second], [pull, []])
+    x = np.concatenate([f.rest._value for f in (first, second)])
+    integrator = of.verlet(model)
+    context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName("CPU"), CPU)
+    context.setPositions(model.positions)
+    moved = 0.0
+    while moved < 5.0:  # 6 nm between the axes, less a diameter
+        integrator.step(1)
+        state = context.getState(positions=True, energy=True)
+        moved = float(state.getPositions(asNumpy=True)._value[:16, 2].mean()) + 3.0
+    kinetic = state.getKineticEnergy()._value
+    assert energy_of_falling(model, x, 0.0) == pytest.approx(
+        kinetic / 2, rel=0.01
+    )  # of the relative motion of two equals
+    masses = model.masses[:16].sum()
+    assert energy_of_falling(model, x, 10.0) == pytest.approx(masses / 4 * (2.0 * 16 / masses / 10.0) ** 2)
+    assert energy_of_falling(of.build([first, second], [pull, [of.loads.Hold(0)]]), x, 0.0) == pytest.approx(
+        kinetic, rel=0.01
+    )
+    back = [of.loads.Pull(i, (0, 0, -2.0) * KJ / NM) for i in range(16)]
+    assert energy_of_falling(of.build([first, second], [back, []]), x, 0.0) == 0.0
+    assert energy_of_falling(of.build([first, second], [pull, pull]), x, 0.0) == pytest.approx(0.0, abs=1e-12)
+    aside = np.concatenate([x[:16], x[16:] + np.array([30.0, 0, 0])])
+    assert energy_of_falling(model, aside, 0.0) == 0.0
+    held = of.build([first, second], [[of.loads.Hold(0), *pull[1:]], []])
+    assert energy_of_falling(held, x, 0.0) == 0.0
+
+
+def test_pushes_of_filaments_on_one_another_add_up() -> None:
+    """A heap pressed on a held rod, each no harder than two may be; apart, they do not press. None falls far."""
+    force = 0.49 * of.barrier(of.build(crossed(0.5, beads=8))).force._value / 8
+
+    def heap(apart: float, rods: int) -> of.Model:
+        axes = np.eye(3)[:2]
+        chains = [
+            rod(8, 0.5, axes[n % 2], np.array([apart * n if apart > 1 else 0.0, 0, apart * n])) for n in range(rods)
+        ]
+        pulls = [[of.loads.Pull(i, (0, 0, -force) * KJ / NM) for i in range(8)] for _ in chains[1:]]
+        return of.build(chains, [[of.loads.Hold(range(8))], *pulls])
+
+    assert admitted(heap(1.0, 3), None, damped=True)
+    assert not admitted(heap(1.0, 4), None, damped=True)
+    assert admitted(heap(20.0, 4), None, damped=True)
 
 
 def context_of(model: of.Model, temperature: float = 100.0) -> mm.Context:
@@ -347,6 +421,22 @@ def test_preflight_refuses_what_could_pass() -> None:
     with pytest.raises(PreflightError, match=r"steady force on filaments .* pN"):
         of.preflight(of.build(crossed(0.5), loads))
     assert of.preflight(model, context_of(model)).force_errors["contact"] <= 1e-3
+
+
+def test_preflight_looks_at_every_bond_in_contact() -> None:
+    held, loose = crossed(0.5)
+    unbound = of.Filament(loose.rest, loose.masses, loose.terms[1:])
+    with pytest.raises(PreflightError, match="nothing resists stretching"):
+        of.preflight(of.build([held, unbound]))
+    soft = of.Filament(loose.rest, loose.masses, (stretching.Harmonic(1e-9 * STIFF), *loose.terms[1:2]))
+    assert of.barrier(of.build([held, soft])).energy._value == of.barrier(of.build(held)).energy._value
+    long = of.Filament(loose.rest, loose.masses, (stretching.Harmonic(100 * STIFF, 1.5 * NM), *loose.terms[1:]))
+    with pytest.raises(PreflightError, match=r"within 1\.41 diameters .* but are 1\.5 apart"):
+        of.preflight(of.build([held, long]))
+    touch = (contact.Repulsion(1 * NM, 100 * STIFF),)
+    beads = of.build([of.Filament([[0, 0, z]] * NM, 1 * unit.dalton, touch) for z in (0.0, 1.2)])
+    assert of.barrier(beads) is None
+    of.preflight(beads)
 
 
 def test_preflight_refuses_strides_and_warns_of_overlaps() -> None:

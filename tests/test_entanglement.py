@@ -225,6 +225,26 @@ def test_a_corner_close_to_a_segment_keeps_closed_curves_whole(height: float, rn
     assert linked(-height) == pytest.approx(0, abs=tol.LINKING)
 
 
+@pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_corners_close_to_corners_keep_closed_curves_whole(gap: float, rng: np.random.Generator) -> None:
+    for _ in range(30):
+        p, q = rng.normal(size=(2, 8, 3))
+        q[3] = p[4] + gap * rng.normal(size=3)
+        linked = float(analysis.linking(p, q, closed=True))
+        assert linked == pytest.approx(round(linked), abs=tol.LINKING)
+
+
+@pytest.mark.parametrize("gap", [1e-6, 1e-9, 1e-12])
+def test_segments_side_by_side_from_a_corner_on_are_on_the_right_side(gap: float, rng: np.random.Generator) -> None:
+    """One that begins near a corner and runs along the other, either way: the sides count for half a turn."""
+    for backwards in (False, True) * 10:
+        p = np.array([[0.0, 0, 0], [1, 0, 0]]) @ random_rotation(rng)
+        q = p * [[0.0], [0.6]] + gap * rng.normal(size=(2, 3))
+        q = q[::-1] if backwards else q
+        # the rounding of coordinates turns directions between corners so close
+        assert float(analysis.linking(p, q)) == pytest.approx(in_many_digits(p, q), abs=tol.LINKING_OF_A_PAIR / gap)
+
+
 @pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6])
 def test_segments_side_by_side_add_nothing(gap: float, rng: np.random.Generator) -> None:
     p = np.array([[0.0, 0, 0], [1, 0, 0]])
@@ -423,8 +443,12 @@ def test_broken_curves_are_refused(curve: Array, message: str) -> None:
 
 
 def test_curves_are_closed_or_not() -> None:
-    with pytest.raises(ValueError, match="`closed` must be one or two of True and False"):
-        analysis.linking(SQUARE, HOOKED, closed=(True, False, True))  # type: ignore[arg-type]
+    for closed in ((True, False, True), [True, False], np.array([True, False]), (1, 0), "no"):
+        with pytest.raises(ValueError, match="`closed` must be True, False or a tuple of two of them, but is"):
+            analysis.linking(SQUARE, HOOKED, closed=closed)  # type: ignore[arg-type]
+    for single in ((True, False), 1, "no"):
+        with pytest.raises(ValueError, match="`closed` must be True or False, but is"):
+            analysis.writhe(SQUARE, closed=single)  # type: ignore[arg-type]
 
 
 def test_curves_of_other_frames_are_refused() -> None:

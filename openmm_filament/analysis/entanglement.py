@@ -71,8 +71,8 @@ def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False
     np.float64(-1.0)
     """
     ends = closed if isinstance(closed, tuple) else (closed, closed)
-    if len(ends) != 2:
-        raise check.fail("closed", "be one or two of True and False", closed)
+    if len(ends) != 2 or not all(isinstance(end, (bool, np.bool_)) for end in ends):
+        raise check.fail("closed", "be True, False or a tuple of two of them", repr(closed))
     p, framed = _polygon("first", first, ends[0])
     q, also = _polygon("second", second, ends[1])
     if len(p) != len(q) and 1 not in {len(p), len(q)}:
@@ -118,7 +118,9 @@ def writhe(curve: Any, *, closed: bool = False) -> Array:
     >>> writhe(helix).round(2)
     np.float64(6.44)
     """
-    x, framed = _polygon("curve", curve, closed)
+    if not isinstance(closed, (bool, np.bool_)):
+        raise check.fail("closed", "be True or False", repr(closed))
+    x, framed = _polygon("curve", curve, bool(closed))
     (x,) = _near_one(x)
     count = x.shape[1] - 1
     total = np.zeros(len(x))

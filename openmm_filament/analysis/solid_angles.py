@@ -15,6 +15,9 @@ _NEAR = 0.1
 """A pair is worked out again by its corners where the real part in `solid_angles`, at most 8 |a||b||c||d|, is less than this
 times |a||b||c||d|: where it is near or seen under more than half a turn."""
 
+_CLOSE = 0.01
+"""So it is where a corner of a pair is shorter than this times the longest segment about."""
+
 _TOUCHING = 1e-14
 """Real and imaginary part over |a||b||c||d|, and distance of two corners over a segment, that rounding may have made."""
 
@@ -73,6 +76,10 @@ def solid_angles(p: Array, q: Array, place: tuple[int, int, int], left_out: NDAr
     angles: Array = np.arctan2(imaginary, real)
     angles *= 2
     near = real <= _NEAR * size
+    reach = _CLOSE * max(float(np.abs(np.diff(z)).max()) for z in (np.moveaxis(x, -2, -1), y))
+    if r.min() < reach:
+        for corner in (a, b, c, d):
+            near |= r[corner] < reach
     if left_out is not None:
         angles[:, left_out] = 0.0
         near &= ~left_out
@@ -81,7 +88,9 @@ def solid_angles(p: Array, q: Array, place: tuple[int, int, int], left_out: NDAr
         corners = [q[t, j + n] - p[t, i + m] for m, n in ((0, 0), (1, 0), (1, 1), (0, 1))]
         noise = _TOUCHING * size[near]
         lengths = [np.sqrt(dot(x, x)) for x in (*corners, corners[1] - corners[0], corners[2] - corners[1])]
-        touching = (np.abs(imaginary[near]) <= noise) & (real[near] <= noise)
+        whole = _volumes(corners, np.argmin(lengths[:4], axis=0)) * np.sum(lengths[:4], axis=0)
+        angles[near] = 2 * np.arctan2(whole, real[near])
+        touching = (np.abs(whole) <= noise) & (real[near] <= noise)
         touching |= np.min(lengths[:4], axis=0) <= _TOUCHING * np.max(lengths[4:], axis=0)
         if touching.any():
             k = int(np.argmax(touching))
@@ -92,6 +101,14 @@ def solid_angles(p: Array, q: Array, place: tuple[int, int, int], left_out: NDAr
         turns = _exterior_angles(corners)
         angles[near] = 2 * np.pi * np.round((angles[near] + turns) / (2 * np.pi)) - turns
     return angles
+
+
+def _volumes(corners: list[Array], shortest: NDArray[np.int64]) -> Array:
+    """Triple products (n,) of three corners in turn, the shortest in their middle: another three would round more."""
+    ordered = np.stack(corners)
+    each = np.arange(len(shortest))
+    before, middle, after = (ordered[(shortest + k) % 4, each] for k in (-1, 0, 1))
+    return np.asarray(dot(middle, cross(after, before)))
 
 
 def _exterior_angles(corners: list[Array]) -> Array:
