@@ -161,6 +161,10 @@ def test_each_task_is_in_one_crew_whose_tasks_share_what_they_must() -> None:
     for crew in crews:
         assert len({planned[i].shared for i in crew}) == 1
         assert sum(len(planned[i].poses) for i in crew) <= 60
+        several = [planned[i] for i in crew]
+        limits = [of.stable_timestep(hands.model_of(tasks, hands.placed(tasks))) for tasks in ([t] for t in several)]
+        together = of.stable_timestep(hands.model_of(several, hands.placed(several)))
+        assert together / min(limits) == pytest.approx(1.0, abs=0.1)  # none lies in the way of another
     assert len(crews) < len(planned) / 2
 
 

@@ -116,14 +116,14 @@ def model_of(tasks: Sequence[Task], where: Sequence[Array], *, gripped: bool = T
     """The pairs with the lower chains held at their feet and, `gripped`, the upper ones in traps where they are.
 
     The pairs of each task are at `where` (n, N, 3); their traps have numbers of their own. The rest shapes of the model are
-    those of the poses.
+    those of the poses, in places apart.
     """
     filaments: list[of.Filament] = []
     loads: list[list[of.loads.Load]] = []
-    for number, (task, x) in enumerate(zip(tasks, where, strict=True)):
+    for number, (task, start, x) in enumerate(zip(tasks, placed(tasks), where, strict=True)):
         stiffness = TRAP * task.upper.stretching() * unit.newton / unit.meter
         first = task.lower.segments + 1
-        for rest, pair in zip(task.start(), x, strict=False):
+        for rest, pair in zip(start, x, strict=False):
             filaments += [task.lower.filament(rest[:first]), task.upper.filament(rest[first:])]
             hand: list[of.loads.Load] = []
             if gripped:
