@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import openmm_filament as of
 from systems import __main__ as command
-from systems.pseudoknot import hands, judgement, plan, rows
+from systems.pseudoknot import hands, judgement, plan, rows, runs
 from systems.pseudoknot.chains import Wire
 from systems.pseudoknot.poses import Pose, drawn
 from systems.pseudoknot.runs import Result, run
@@ -115,13 +115,13 @@ def test_a_knot_is_made_holds_and_comes_apart(knot: Result) -> None:
 
 
 def test_its_energies_balance(knot: Result) -> None:
-    assert abs(knot.making.misfit) < judgement.CLOSES
-    assert abs(knot.breaking.misfit) < judgement.CLOSES
+    assert abs(knot.making.misfit) < runs.CLOSES
+    assert abs(knot.breaking.misfit) < runs.CLOSES
 
 
 def test_friction_that_is_forgotten_breaks_the_balance(knot: Result) -> None:
     for phase in (knot.making, knot.breaking):
-        assert abs(replace(phase, whole_lost=0.7 * phase.whole_lost).misfit) > judgement.CLOSES
+        assert abs(replace(phase, whole_lost=0.7 * phase.whole_lost).misfit) > runs.CLOSES
 
 
 def test_the_work_is_that_of_the_recorded_force(knot: Result) -> None:
@@ -140,8 +140,8 @@ def test_the_linking_integral_is_that_of_the_film(knot: Result) -> None:
 
 def test_tasks_in_one_context_do_what_each_does_alone() -> None:
     alone = [
-        plan.task(plan.Case("a", "way", held=True, rest=0.05, breaking="side"), 0.3, (), 1),
-        plan.task(plan.Case("b", "way", making="push", held=True, rest=0.05, breaking="side"), 0.3, (), 2),
+        plan.task(plan.Case("a", "way", held=True, rest=0.05, breaking="side"), 0.5, (), 1),
+        plan.task(plan.Case("b", "way", making="push", held=True, rest=0.05, breaking="side"), 0.5, (), 2),
     ]  # a chain each, out of reach of its lower one: nothing to be chaotic about
     for separate, together in zip([run([task])[0] for task in alone], run(alone), strict=True):
         for name in ("making", "resting", "breaking"):
@@ -152,6 +152,21 @@ def test_tasks_in_one_context_do_what_each_does_alone() -> None:
     longer = plan.task(plan.Case("c", "way", held=True), 0.4, (), 1)
     with pytest.raises(ValueError, match="`tasks` must share times, damping, warmth"):
         run([alone[0], longer])
+
+
+def test_energies_that_do_not_balance_take_half_the_time_step(knot: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    limits: list[float] = []
+    good, bad = (replace(knot, making=replace(knot.making, whole_lost=f * knot.making.whole_lost)) for f in (1.0, 0.7))
+
+    def attempt(tasks: Any, limit: float) -> list[Result]:
+        limits.append(limit)
+        return [bad if len(limits) < 2 else good]
+
+    monkeypatch.setattr(runs, "_attempt", attempt)
+    assert run([knot.task]) == [good]
+    assert limits[1] == limits[0] / 2
+    monkeypatch.setattr(runs, "_attempt", lambda tasks, limit: [bad])
+    assert run([knot.task]) == [bad]  # which the check of the balance then tells
 
 
 def test_each_task_is_in_one_crew_whose_tasks_share_what_they_must() -> None:

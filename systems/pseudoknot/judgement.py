@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 
 from systems.pseudoknot.plan import BASE, Case
 from systems.pseudoknot.rows import Row
-from systems.pseudoknot.runs import Result
+from systems.pseudoknot.runs import CLOSES, Result
 from systems.scene import Check
 
 __all__ = ["Outcome", "Setting", "Slow", "checks", "outcome", "settings", "slow", "write_settings"]
 
 Array = NDArray[np.float64]
-
-CLOSES = 0.01
-"""Of the energy balance, over the largest of work, loss and change."""
 
 PASSED = 0.5
 """Jump of the linking integral between records that a passage of one chain through the other would exceed: it makes 1."""

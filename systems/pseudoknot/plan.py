@@ -21,7 +21,7 @@ BASE = Wire()
 OVERLAP = 1.5
 """Turns of the upper helix that are brought into the lower one."""
 
-SLOWNESS = (3.0, 6.0, 12.0)
+SLOWNESS = (2.5, 5.0, 10.0)
 """Times of making over the period of the slowest swing of the lower helix; what stands beside the knot itself runs at the first."""
 
 PULL = 0.5
