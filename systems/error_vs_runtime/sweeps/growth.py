@@ -152,7 +152,7 @@ def _opened(beads: int) -> tuple[of.Model, mm.Context]:
 
 def expected(*, quick: bool) -> float:
     """Seconds that all measurements are expected to take."""
-    return 30.0 if quick else 180.0
+    return 20.0 if quick else 180.0
 
 
 def _jobs(*, quick: bool) -> list[tuple[int, Callable[[int], Row]]]:
@@ -177,7 +177,7 @@ def _jobs(*, quick: bool) -> list[tuple[int, Callable[[int], Row]]]:
 
 def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
     """All measurements: the small ones in turns, so that what else the machine does falls on all of them; the large ones once."""
-    rounds = 3 if quick else 5
+    rounds = 2 if quick else 5
     jobs = _jobs(quick=quick)
     turns = [i for _ in range(rounds) for i, (beads, _) in enumerate(jobs) if beads <= _LARGE]
     turns += [i for i, (beads, _) in enumerate(jobs) if beads > _LARGE]
