@@ -144,7 +144,10 @@ def _check_contact(model: Model, context: mm.Context | None, x: Array) -> None:
     if reason := reason_to_refuse(model, context, x):
         raise PreflightError(reason)
     crowd = crowd_of(model.interactions)
-    if crowd is None or not len((here := crowd.at(x)).beads):
+    if crowd is None:
+        return
+    _warn_of_phantoms(model, crowd.beads[:, 0])
+    if not len((here := crowd.at(x)).beads):
         return
     distances = np.linalg.norm(x[here.beads[:, 1]] - x[here.beads[:, 0]], axis=-1)
     worst = int(np.argmin(distances / here.parameters["d"]))
@@ -157,6 +160,19 @@ def _check_contact(model: Model, context: mm.Context | None, x: Array) -> None:
             f"Beads in contact overlap by {depth:.2g} of their diameter, {where} the most: they will spring apart.",
             PreflightWarning,
             stacklevel=3,
+        )
+
+
+def _warn_of_phantoms(model: Model, members: NDArray[np.int64]) -> None:
+    """Warn of filaments without contact beside some with it: the others pass through them."""
+    ends = zip(model.starts[:-1], model.starts[1:], strict=True)
+    without = [i for i, (start, end) in enumerate(ends) if not ((members >= start) & (members < end)).any()]
+    if without:
+        warnings.warn(
+            f"Filaments in contact pass through those without contact.Repulsion, of which there are {len(without)}, the "
+            f"first being filament {without[0]}.",
+            PreflightWarning,
+            stacklevel=4,
         )
 
 

@@ -172,7 +172,7 @@ def _of_motion(model: Model, context: mm.Context, x: Array, energy: float, diame
     if _THERMAL * kt > energy:
         return (
             f"The barrier between filaments in contact, less what loads do, must be at least {_THERMAL:g} k_B T, but is "
-            f"{energy / kt:.3g}."
+            f"{energy / kt:.3g} k_B T: use stiffer contact, a smaller spacing or a lower temperature."
         )
     velocities = context.getState(velocities=True).getVelocities(asNumpy=True)._value
     excess = _together(model, x, _excess_motion(model, velocities, kt))

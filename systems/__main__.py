@@ -60,7 +60,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("name", nargs="?", help="the system; without one they are listed")
     parser.add_argument("--output", type=Path, help="folder for the results: new, or empty")
     parser.add_argument("--overwrite", action="store_true", help="replace results in the folder by complete new ones")
-    parser.add_argument("--quick", action="store_true", help="the same checks with larger error bars, in some 20 s")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="the same checks with larger error bars, in some 20 s; two minutes for reports",
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the noise (default 1)")
     system = import_module(f"systems.{name}") if name in SYSTEMS else None
     if system is not None:

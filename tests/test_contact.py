@@ -423,6 +423,18 @@ def test_preflight_refuses_what_could_pass() -> None:
     assert of.preflight(model, context_of(model)).force_errors["contact"] <= 1e-3
 
 
+def test_preflight_warns_of_filaments_that_others_pass_through() -> None:
+    first, second = crossed(0.5)
+    bare = of.Filament(second.rest, second.masses, second.terms[:-1])
+    with pytest.warns(
+        PreflightWarning, match=r"without contact.Repulsion, of which there are 1, the first being filament 1"
+    ):
+        of.preflight(of.build([first, bare]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        of.preflight(of.build([first, second]))
+
+
 def test_preflight_looks_at_every_bond_in_contact() -> None:
     held, loose = crossed(0.5)
     unbound = of.Filament(loose.rest, loose.masses, loose.terms[1:])

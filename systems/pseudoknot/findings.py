@@ -32,15 +32,17 @@ def _micro(work: Slow) -> str:
 
 def _ratio(found: Outcome) -> str:
     ratio, error = found.ratio
+    speeds = f"{found.making.speeds.min():.2g} to {found.making.speeds.max():.2g} m/s"
     if found.making.mean < 2 * found.making.error:
         return (
-            f"At these speeds the slow limit of making, {_micro(found.making)}, is not resolved from zero, and so no ratio to "
-            f"that of breaking, {_micro(found.breaking)}: the default run is slower."
+            f"At these speeds ({speeds}) the slow limit of making, {_micro(found.making)}, is not resolved from zero, and so "
+            f"no ratio to that of breaking, {_micro(found.breaking)}: the default run is slower."
         )
     return (
-        f"Extrapolated to slow, the hand does {_micro(found.making)} to make the knot and {_micro(found.breaking)} to pull it "
-        f"apart: {ratio:.0f} +- {error:.0f} times as much ({math.log10(ratio):.2f} decades), where the thesis has "
-        "nearly two orders of magnitude for real springs."
+        f"Extrapolated to slow from {speeds}, over the {len(found.making.each)} starts that formed at all speeds, the hand "
+        f"does {_micro(found.making)} to make the knot and {_micro(found.breaking)} to pull it apart: {ratio:.0f} +- "
+        f"{error:.0f} times as much ({math.log10(ratio):.2f} decades), where the thesis has nearly two orders of magnitude "
+        "for real springs. (--quick is fast, and its limits rough.)"
     )
 
 
