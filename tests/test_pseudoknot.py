@@ -120,6 +120,12 @@ def test_its_energies_balance(knot: Result) -> None:
     assert abs(knot.breaking.misfit) < judgement.CLOSES
 
 
+def test_left_alone_it_comes_to_the_temperature(knot: Result) -> None:
+    moving = len(knot.task.poses) * np.count_nonzero(knot.task.masses())
+    late = knot.resting.kinetic[len(knot.resting.times) // 2 :]
+    assert late.mean() == pytest.approx(1.5 * moving * knot.task.warmth, rel=0.2)  # a single one has an error of 8 %
+
+
 def test_friction_that_is_forgotten_breaks_the_balance(knot: Result) -> None:
     for phase in (knot.making, knot.breaking):
         assert abs(replace(phase, whole_lost=0.7 * phase.whole_lost).misfit) > judgement.CLOSES
