@@ -318,6 +318,12 @@ def test_all_that_is_varied_has_a_panel_in_the_figure() -> None:
     assert {case.group for case in plan.cases(quick=False) if not math.isnan(case.value)} == set(figures._NAMES)
 
 
+def test_no_ratio_is_said_to_a_work_that_is_not_resolved() -> None:
+    found = judgement.outcome(ensemble([-5e-6, 1e-6], 1e-6))
+    assert not any("times as much" in text for text in (findings._ratio(found), findings._net(found)))
+    assert "100 +- 0 times as much" in findings._net(judgement.outcome(ensemble([1e-6, 1e-6], 1e-6)))
+
+
 # The whole ------------------------------------------------------------------------------------------------------------
 
 

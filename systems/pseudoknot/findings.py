@@ -46,9 +46,11 @@ def _ratio(found: Outcome) -> str:
 
 def _net(found: Outcome) -> str:
     ratio, error = found.net_ratio
+    resolved = found.net_making.mean >= 2 * found.net_making.error
+    times = f"{ratio:.0f} +- {error:.0f} times as much" if resolved else "the first not resolved from zero"
     return (
         "With the work on a coil that is moved alone taken off at every speed, the same limits are "
-        f"{_micro(found.net_making)} and {_micro(found.net_breaking)}, {ratio:.0f} +- {error:.0f} times as much; E I/R is "
+        f"{_micro(found.net_making)} and {_micro(found.net_breaking)}, {times}; E I/R is "
         f"{1e6 * BASE.energy:.3g} uJ."
     )
 
