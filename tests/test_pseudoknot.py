@@ -14,8 +14,9 @@ from openmm import unit
 from scipy.spatial.transform import Rotation
 
 import openmm_filament as of
+import systems.pseudoknot as system
 from systems import __main__ as command
-from systems.pseudoknot import hands, judgement, plan, rows, runs
+from systems.pseudoknot import figures, findings, hands, judgement, plan, rows, runs
 from systems.pseudoknot.chains import Wire
 from systems.pseudoknot.poses import Pose, drawn
 from systems.pseudoknot.runs import Result, run
@@ -117,6 +118,12 @@ def test_a_knot_is_made_holds_and_comes_apart(knot: Result) -> None:
 def test_its_energies_balance(knot: Result) -> None:
     assert abs(knot.making.misfit) < runs.CLOSES
     assert abs(knot.breaking.misfit) < runs.CLOSES
+
+
+def test_left_alone_it_comes_to_the_temperature(knot: Result) -> None:
+    moving = len(knot.task.poses) * np.count_nonzero(knot.task.masses())
+    late = knot.resting.kinetic[len(knot.resting.times) // 2 :]
+    assert late.mean() == pytest.approx(1.5 * moving * knot.task.warmth, rel=0.2)  # a single one has an error of 8 %
 
 
 def test_friction_that_is_forgotten_breaks_the_balance(knot: Result) -> None:
@@ -286,6 +293,50 @@ def test_broken_copies_fail_the_exact_checks(knot: Result) -> None:
     assert failed(good, [*main, row(nearest=0.5)]) == [through]
     scaled = replace(twins[1], work_making=1.02e-5)
     assert failed(good, [*main, twins[0], scaled]) == ["E and G ten times larger"]
+
+
+def test_without_slow_limits_what_is_exact_is_still_checked(knot: Result, tmp_path: Path) -> None:
+    case = plan.Case("two helices", "main")
+    good, apart = [(case, 1.0, knot)], [row(made=False, formed=False)]
+
+    def judged(results: list[Any], given: list[rows.Row], failed: int) -> list[str]:
+        film_less = [(c, s, replace(r, task=replace(r.task, film=False))) for c, s, r in results]
+        _, found = system._judged(tmp_path, film_less, given, [], failed=failed, interrupted=False, frames=2)
+        return [check.name for check in found if check.kind == "exact" and not check.passed]
+
+    assert judged(good, apart, 0) == []
+    (through,) = judged(good, [*apart, row(largest_jump=0.9)], 0)
+    assert through.startswith("no chain passed")
+    assert judged(good, apart, 2) == judged([], [], 2) == ["settings that could not be run"]
+
+
+@pytest.mark.parametrize("formed", [0, 1, 4, 5])
+def test_bounds_of_a_probability_are_where_it_is_one_deviation_off(formed: int) -> None:
+    given = [row(start=i, formed=i < formed) for i in range(5)]
+    (line, _) = judgement.settings(given, [plan.Case("two helices", "main", slowness=(1.0,))])
+    assert 0 <= line.probability_low <= line.probability <= line.probability_high <= 1
+    for bound in (line.probability_low, line.probability_high):
+        assert (line.probability - bound) ** 2 == pytest.approx(bound * (1 - bound) / 5, abs=1e-12)
+
+
+def test_findings_on_what_was_varied_give_errors_and_no_nan() -> None:
+    given = [row(start=0, label="E", group="E_GPa"), row(start=1, label="E", group="E_GPa", net_making=3e-6)]
+    given += [row(start=i, label="F", group="E_GPa", formed=False) for i in range(2)]
+    cases = [plan.Case(name, "E_GPa", value=i, slowness=(1.0,)) for i, name in enumerate("EF")]
+    (text,) = findings._varied(judgement.settings(given, cases))
+    mean, error = 2e-6 / plan.BASE.energy, 1e-6 / plan.BASE.energy
+    assert f"over {mean:.2g} +- {error:.1g} E I/R; 1: 0/2 form" in text
+    assert "nan" not in text
+
+
+def test_all_that_is_varied_has_a_panel_in_the_figure() -> None:
+    assert {case.group for case in plan.cases(quick=False) if not math.isnan(case.value)} == set(figures._NAMES)
+
+
+def test_no_ratio_is_said_to_a_work_that_is_not_resolved() -> None:
+    found = judgement.outcome(ensemble([-5e-6, 1e-6], 1e-6))
+    assert not any("times as much" in text for text in (findings._ratio(found), findings._net(found)))
+    assert "100 +- 0 times as much" in findings._net(judgement.outcome(ensemble([1e-6, 1e-6], 1e-6)))
 
 
 # The whole ------------------------------------------------------------------------------------------------------------

@@ -77,7 +77,9 @@ def run(folder: Path, *, quick: bool, seed: int, options: argparse.Namespace) ->
     table = judgement.settings(rows, cases)
     write_csv(folder / "pseudoknot.csv", rows)
     judgement.write_settings(folder / "parameters.csv", table)
-    said, checks = _judged(folder, results, rows, table, interrupted=interrupted, frames=FRAMES[quick])
+    said, checks = _judged(
+        folder, results, rows, table, failed=len(failures), interrupted=interrupted, frames=FRAMES[quick]
+    )
     code = stage.close(
         folder,
         Summary(
@@ -114,6 +116,7 @@ def _judged(
     rows: list[Row],
     table: list[judgement.Setting],
     *,
+    failed: int,
     interrupted: bool,
     frames: int,
 ) -> tuple[list[str], list[Check]]:
@@ -129,10 +132,10 @@ def _judged(
     try:
         slow = judgement.outcome(rows)
     except ValueError as error:
-        return [str(error), *said], []
+        return [str(error), *said], judgement.checks(results, rows, None, failed)
     figures.summary(folder / "pseudoknot.png", table, slow)
     figures.parameters(folder / "parameters.png", table)
-    return [*findings.sentences(rows, table, slow), *said], judgement.checks(results, rows, slow)
+    return [*findings.sentences(rows, table, slow), *said], judgement.checks(results, rows, slow, failed)
 
 
 FRAMES = {False: 120, True: 30}

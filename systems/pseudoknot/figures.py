@@ -170,11 +170,12 @@ def _bars(axes: Any, lines: list[Setting]) -> None:
 
 
 _NAMES = {
+    "E_GPa": "E (GPa), G/E kept",
     "G_over_E": "G/E",
     "helix_radius_mm": "helix radius / thickness",
     "pitch_mm": "pitch / thickness",
     "thickness_mm": "thickness (mm), radius and pitch kept",
-    "clumsiness": "offset of the axes / thickness",
+    "clumsiness": "largest offset / thickness,\nlargest tilt / 0.1 rad",
     "crossing_deg": "angle of the axes (degrees)",
 }
 
@@ -190,12 +191,15 @@ def parameters(path: Path, table: list[Setting]) -> None:
     for column, group in zip(panels.T, groups, strict=True):
         own = {"G_over_E": BASE.shear_modulus / BASE.youngs_modulus, "helix_radius_mm": 1e3 * BASE.radius}
         own |= {"pitch_mm": 1e3 * BASE.pitch, "thickness_mm": 1e3 * BASE.thickness, "clumsiness": 1.0}
-        own["crossing_deg"] = 0.0
+        own |= {"crossing_deg": 0.0, "E_GPa": 1e-9 * BASE.youngs_modulus}
         points = [(line.value, line) for line in table if line.group == group] + [(own[group], line) for line in base]
         points.sort(key=lambda point: point[0])
         x = np.array([value for value, _ in points])
         lines = [line for _, line in points]
-        _errors(column[0], x, [(line.probability, line.probability_error) for line in lines], "k")
+        probability = np.array([line.probability for line in lines])
+        low, high = np.array([(line.probability_low, line.probability_high) for line in lines]).T
+        both = [probability - low, high - probability]
+        column[0].errorbar(x, probability, both, fmt="o-", color="k", lw=1, ms=4, capsize=3)
         _errors(
             column[1],
             x,
@@ -214,7 +218,7 @@ def parameters(path: Path, table: list[Setting]) -> None:
         column[2].set(yscale="log", ylim=(5e-6, 10))
         column[3].set(yscale="log", ylim=(3, 2e5), xlabel=_NAMES[group])
         for axes in column:
-            if group in {"G_over_E", "clumsiness"}:
+            if group in {"E_GPa", "G_over_E", "clumsiness"}:
                 axes.set(xscale="log")
                 axes.set_xticks(x, [f"{value:.2g}" for value in x])
                 axes.set_xticks([], minor=True)

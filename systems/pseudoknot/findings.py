@@ -48,9 +48,11 @@ def _ratio(found: Outcome) -> str:
 
 def _net(found: Outcome) -> str:
     ratio, error = found.net_ratio
+    resolved = found.net_making.mean >= 2 * found.net_making.error
+    times = f"{ratio:.0f} +- {error:.0f} times as much" if resolved else "the first not resolved from zero"
     return (
         "With the work on a coil that is moved alone taken off at every speed, the same limits are "
-        f"{_micro(found.net_making)} and {_micro(found.net_breaking)}, {ratio:.0f} +- {error:.0f} times as much; E I/R is "
+        f"{_micro(found.net_making)} and {_micro(found.net_breaking)}, {times}; E I/R is "
         f"{1e6 * BASE.energy:.3g} uJ."
     )
 
@@ -103,13 +105,24 @@ def _varied(table: list[Setting]) -> list[str]:
     out = []
     for group in dict.fromkeys(line.group for line in table if not math.isnan(line.value)):
         lines = [line for line in table if line.group == group]
-        texts = [
-            f"{line.value:g}: {line.formed}/{line.starts} form, hold {line.holding / line.force_unit:.2g} E I/R^2, work "
-            f"{line.breaking / line.energy_unit:.2g} over {line.making / line.energy_unit:.2g} E I/R"
-            for line in lines
-        ]
+        texts = [f"{line.value:g}: {line.formed}/{line.starts} form{_costs(line)}" for line in lines]
         out.append(f"{group.replace('_over_', '/').replace('_', ' ')} = " + "; ".join(texts) + ".")
     return out
+
+
+def _costs(line: Setting) -> str:
+    """What a setting takes and holds, with standard errors over its starts."""
+    making = _over(line.making, line.making_error, line.energy_unit)
+    if not line.formed:
+        return f", work {making} E I/R without a knot"
+    holding = _over(line.holding, line.holding_error, line.force_unit)
+    breaking = _over(line.breaking, line.breaking_error, line.energy_unit)
+    return f", hold {holding} E I/R^2, work {breaking} over {making} E I/R"
+
+
+def _over(value: float, error: float, unit: float) -> str:
+    """A number in a unit with its error, if it has one."""
+    return f"{value / unit:.2g}" + ("" if math.isnan(error) else f" +- {error / unit:.1g}")
 
 
 def _free(rows: list[Row]) -> str:

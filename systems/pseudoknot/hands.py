@@ -54,7 +54,7 @@ class Task:
     times : (float, float, float)
         Of making, resting and breaking.
     damping : float
-        Rate of all beads, 1/s.
+        Rate of all beads while the hand moves, 1/s.
     chill, warmth : float
         k_B T of the first velocities and of the thermostat while the pair rests, J; the hand moves without a thermostat.
     film : bool
@@ -139,14 +139,21 @@ class World:
     """A running Context of some tasks' pairs, in SI units."""
 
     def __init__(
-        self, tasks: Sequence[Task], model: of.Model, motions: Sequence[Motion], warmth: float, step: float, seed: int
+        self,
+        model: of.Model,
+        motions: Sequence[Motion],
+        *,
+        warmth: float,
+        damping: float,
+        step: float,
+        seed: int,
     ) -> None:
         self.shapes = [motion.x.shape for motion in motions]
         self.metre = 1e9 / model.scale.length
         self.second = 1e12 / model.scale.factor("time")
         self.joule = stage.JOULE / model.scale.factor("energy")
         kelvin = warmth * self.joule / of.units.BOLTZMANN
-        integrator = internal_langevin(model, kelvin, tasks[0].damping / self.second, step * self.second, seed)
+        integrator = internal_langevin(model, kelvin, damping / self.second, step * self.second, seed)
         platform = mm.Platform.getPlatformByName(PLATFORM)
         self.context = mm.Context(model.system, integrator, platform, {"Threads": "1"})
         x, v = (np.concatenate([getattr(motion, name).reshape(-1, 3) for motion in motions]) for name in ("x", "v"))

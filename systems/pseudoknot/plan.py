@@ -21,7 +21,7 @@ BASE = Wire()
 OVERLAP = 1.5
 """Turns of the upper helix that are brought into the lower one."""
 
-SLOWNESS = (2.5, 5.0, 10.0)
+SLOWNESS = (2.25, 4.5, 9.0)
 """Times of making over the period of the slowest swing of the lower helix; what stands beside the knot itself runs at the first."""
 
 PULL = 0.5
@@ -144,7 +144,7 @@ def task(case: Case, slowness: float, poses: tuple[Pose, ...], seed: int, *, fil
     middle = lower.height - OVERLAP * lower.pitch / 2
     poses = tuple(replace(pose, crossing=case.crossing, crossed_at=middle) for pose in poses)
     beside = 2 * lower.radius + 4 * lower.thickness  # clear of a lower chain that is shifted and tilted
-    aside = 2.2 * lower.thickness if not lower.hand else 0.0  # rods side by side
+    aside = 1.2 * lower.thickness if not lower.hand else 0.0  # rods side by side
     place = (aside, 0.0, lower.height + gap)
     if case.making == "side":
         place = (beside, 0.0, 0.0)

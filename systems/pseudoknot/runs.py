@@ -23,7 +23,7 @@ __all__ = ["CLOSES", "EVERY", "STEPS", "Phase", "Result", "attempt", "run"]
 
 Array = NDArray[np.float64]
 
-STEPS = (0.5, 0.7, 0.5)
+STEPS = (0.5, 0.7, 0.4)
 """Time steps of making, resting and breaking over the limit of stability at rest. Drawn out, a coil's torsion stiffens."""
 
 CLOSES = 0.01
@@ -36,6 +36,8 @@ would find modes to shake, and do much work on them."""
 EVERY = 8
 """Moves of the hand between two records: 40 steps, in which a coil that snaps off moves by a part of its thickness."""
 
+WARMING = 6.0
+"""Rate of the thermostat times the rest: at that of the motion the pairs would come to a seventh of the temperature."""
 
 TORN = 0.2
 """Strain of a segment that none of these loads comes near."""
@@ -201,7 +203,8 @@ def _phase(
     ways = [getattr(task, name) for task in tasks]
     gripped = ways[0] is not None
     model = model_of(tasks, [motion.x for motion in motions], gripped=gripped)
-    world = World(tasks, model, motions, 0.0 if gripped else tasks[0].warmth, step, seed)
+    warmth, damping = (0.0, tasks[0].damping) if gripped else (tasks[0].warmth, WARMING / tasks[0].times[1])
+    world = World(model, motions, warmth=warmth, damping=damping, step=step, seed=seed)
     pairs = []
     for number, (task, motion, way) in enumerate(zip(tasks, motions, ways, strict=True)):
         hand, count = Hand(task, motion, number) if gripped else None, len(task.poses)
