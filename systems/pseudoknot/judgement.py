@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -125,13 +125,11 @@ class Setting:
 
 
 def settings(rows: list[Row], cases: list[Case]) -> list[Setting]:
-    """A line for each case and speed, and one of the group "base": the starts of the knot that all cases have."""
+    """A line for each case and speed."""
     out = []
-    fewest, main = min(case.starts for case in cases), next((case.label for case in cases if case.group == "main"), "")
-    for case in [*cases, *(_base(case, fewest) for case in cases if case.group == "main")]:
-        label = main if case.group == "base" else case.label
+    for case in cases:
         for pace in case.slowness:
-            chosen = [row for row in rows if row.label == label and row.slowness == pace and row.start < case.starts]
+            chosen = [row for row in rows if row.label == case.label and row.slowness == pace]
             if not chosen:
                 continue
             knots = [row for row in chosen if row.formed]
@@ -149,10 +147,6 @@ def settings(rows: list[Row], cases: list[Case]) -> list[Setting]:
                 )
             )  # fmt: skip
     return out
-
-
-def _base(main: Case, starts: int) -> Case:
-    return replace(main, label="screwed in, pulled out", group="base", slowness=main.slowness[:1], starts=starts)
 
 
 def _wilson(formed: int, starts: int) -> tuple[float, float]:

@@ -21,8 +21,11 @@ BASE = Wire()
 OVERLAP = 1.5
 """Turns of the upper helix that are brought into the lower one."""
 
-SLOWNESS = (2.25, 4.5, 9.0)
-"""Times of making over the period of the slowest swing of the lower helix; what stands beside the knot itself runs at the first."""
+SLOWNESS = (3.0, 6.0, 12.0)
+"""Times of making over the period of the slowest swing of the lower helix."""
+
+BESIDE = 2.0
+"""The same of what stands beside the knot itself: one speed."""
 
 PULL = 0.5
 """Time of the straight pull over that of making: its work depends little on its speed."""
@@ -53,7 +56,7 @@ class Case:
     Attributes
     ----------
     group : str
-        "main", "control", "way", or the name of what is varied.
+        "main", "base" (the same as the others run), "control", "way", or the name of what is varied.
     value : float
         Of what is varied, in the unit of its name; NaN for the others.
     making : "screw", "push" or "side"
@@ -75,7 +78,7 @@ class Case:
     clumsiness: float = 1.0
     warmth: float = WARMTH
     rest: float = REST
-    slowness: tuple[float, ...] = field(default=SLOWNESS[:1])
+    slowness: tuple[float, ...] = field(default=(BESIDE,))
     starts: int = 5
     held: bool = False
 
@@ -93,6 +96,7 @@ def cases(*, quick: bool) -> list[Case]:
     rod, mirrored = replace(BASE, hand=0), replace(BASE, hand=-1)
     e, g = BASE.youngs_modulus, BASE.shear_modulus
     main = Case("two helices", "main", slowness=SLOWNESS, starts=16)
+    base = Case("screwed in, pulled out", "base")
     controls = [
         Case("two rods", "control", rod, rod),
         Case("rod in a helix", "control", BASE, rod),
@@ -115,8 +119,8 @@ def cases(*, quick: bool) -> list[Case]:
         *(_varied("crossing_deg", angle, crossing=math.radians(angle)) for angle in (30, 60, 90)),
     ]
     if not quick:
-        return [main, *controls, *ways, scaled, *varied]
-    few = [replace(case, starts=1, slowness=(0.8,), rest=0.3) for case in (controls[0], controls[2])]
+        return [main, base, *controls, *ways, scaled, *varied]
+    few = [replace(case, starts=1, slowness=(0.8,), rest=0.3) for case in (base, controls[0], controls[2])]
     return [replace(main, slowness=(0.8, 1.1, 1.4), starts=4, rest=0.3), *few]
 
 
