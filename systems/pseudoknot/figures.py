@@ -110,7 +110,7 @@ def summary(path: Path, table: list[Setting], found: Outcome) -> None:
         ylabel="work of the hand over E I/R",
         title=f"slow limits: ratio {ratio:.0f} $\\pm$ {error:.0f}",
     )
-    left.legend(fontsize=7, loc="center", bbox_to_anchor=(0.55, 0.63), ncols=2)
+    left.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)
     shown = [line for line in table if line.group in {"base", "control", "way"}]
     _bars(right, sorted(shown, key=lambda line: line.group != "base"))
     drawing.savefig(path, dpi=150)
