@@ -501,3 +501,54 @@ def test_contacts_of_two_chains_are_those_of_all_pairs(rng: np.random.Generator)
 def test_contacts_refuse_what_has_no_meaning(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         analysis.contacts(SQUARE, **options)
+
+
+# --- nearest --------------------------------------------------------------------------------------------------------
+
+
+def closest(a: Array, b: Array, c: Array, d: Array) -> float:
+    """Of segments ab and cd, by SciPy: a convex function of two numbers."""
+    from scipy.optimize import lsq_linear
+
+    found = lsq_linear(np.stack([b - a, c - d], axis=1), c - a, bounds=(0, 1), tol=1e-15)
+    return float(np.linalg.norm(found.fun))
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_nearest_is_the_smallest_of_all_segments(closed: bool, rng: np.random.Generator) -> None:
+    for _ in range(20):
+        x, y = rng.normal(size=(5, 3)), rng.normal(size=(4, 3)) + np.array([1.5, 0, 0])
+        count = 0 if closed else 1
+        pairs = itertools.product(range(5 - count), range(4 - count))
+        wanted = min(closest(x[i], x[(i + 1) % 5], y[j], y[(j + 1) % 4]) for i, j in pairs)
+        assert analysis.nearest(x, y, closed=closed) == pytest.approx(wanted, abs=1e-7)
+        assert analysis.nearest(y, x, closed=closed) == pytest.approx(wanted, abs=1e-7)
+    frames = np.stack([x, x + 9.0])
+    np.testing.assert_allclose(
+        analysis.nearest(frames, y), [analysis.nearest(x, y), analysis.nearest(x + 9.0, y)], rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("second", "wanted"),
+    [
+        ([[0.0, 1, 0], [4, 1, 0]], 1.0),  # side by side, and not quite
+        ([[0.0, 1, 0], [4, 1, 1e-13]], 1.0),
+        ([[6.0, 0, 0], [9, 0, 0]], 2.0),  # in one line
+        ([[2.0, 0, 0], [9, 0, 0]], 0.0),
+        ([[6.0, 0, 3], [9, 0, 3]], 13**0.5),  # beyond an end
+        ([[1.0, -1, 2], [1, 1, 2]], 2.0),  # crossing between beads, where none is near
+        ([[1.0, 0, 2], [1, 0, 2]], 2.0),  # a point
+    ],
+)
+def test_nearest_of_two_segments(second: list[list[float]], wanted: float) -> None:
+    first = [[0.0, 0, 0], [4, 0, 0]]
+    assert analysis.nearest(first, second) == pytest.approx(wanted, abs=1e-12)
+    assert analysis.nearest(second, first) == pytest.approx(wanted, abs=1e-12)
+
+
+def test_nearest_refuses_curves_of_one_point_and_other_frames() -> None:
+    with pytest.raises(ValueError, match="`second` must have"):
+        analysis.nearest(SQUARE, SQUARE[:1])
+    with pytest.raises(ValueError, match="`second` must have 3 frames or one, but has 2"):
+        analysis.nearest(np.stack([SQUARE] * 3), np.stack([SQUARE] * 2))

@@ -6,7 +6,7 @@ taken wherever positions are.
 
 from openmm_filament.analysis.averages import Average, average
 from openmm_filament.analysis.chains import split_chains
-from openmm_filament.analysis.contacts import contacts
+from openmm_filament.analysis.contacts import contacts, nearest
 from openmm_filament.analysis.curves import Curve, read_curve
 from openmm_filament.analysis.entanglement import linking, writhe
 from openmm_filament.analysis.force_extension import ForceExtensionFit, fit_force_extension
@@ -41,6 +41,7 @@ __all__ = [
     "linking",
     "mean_squared_end_to_end",
     "mean_squared_radius_of_gyration",
+    "nearest",
     "persistence_length",
     "read_curve",
     "spectrum",
