@@ -310,7 +310,7 @@ def test_without_slow_limits_what_is_exact_is_still_checked(knot: Result, tmp_pa
 @pytest.mark.parametrize("formed", [0, 1, 4, 5])
 def test_bounds_of_a_probability_are_where_it_is_one_deviation_off(formed: int) -> None:
     given = [row(start=i, formed=i < formed) for i in range(5)]
-    (line, _) = judgement.settings(given, [plan.Case("two helices", "main", slowness=(1.0,))])
+    (line,) = judgement.settings(given, [plan.Case("two helices", "main", slowness=(1.0,))])
     assert 0 <= line.probability_low <= line.probability <= line.probability_high <= 1
     for bound in (line.probability_low, line.probability_high):
         assert (line.probability - bound) ** 2 == pytest.approx(bound * (1 - bound) / 5, abs=1e-12)
