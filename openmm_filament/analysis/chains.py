@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from openmm_filament import _checks as check
 from openmm_filament.geometry import segments
 
-__all__ = ["chain_positions", "chain_segments", "curve_points", "split_chains"]
+__all__ = ["chain_positions", "chain_segments", "common_frames", "curve_points", "split_chains"]
 
 Array = NDArray[np.float64]
 
@@ -106,6 +106,16 @@ def curve_points(name: str, curve: Any, least: int) -> tuple[Array, bool]:
     if values.shape[-2] < least:
         raise ValueError(f"Argument `{name}` must have at least {least} points, but has {values.shape[-2]}.")
     return (values, True) if values.ndim == 3 else (values[None], False)
+
+
+def common_frames(first: Array, second: Array) -> int:
+    """How many frames two curves (T, N, 3) have together, one of them being allowed one that stands for all.
+
+    Raises ValueError for `second` where they do not fit.
+    """
+    if len(first) != len(second) and 1 not in {len(first), len(second)}:
+        raise ValueError(f"Argument `second` must have {len(first)} frames or one, but has {len(second)}.")
+    return max(len(first), len(second))
 
 
 def chain_segments(positions: Array) -> tuple[Array, Array]:

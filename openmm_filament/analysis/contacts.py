@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from openmm_filament import _checks as check
-from openmm_filament.analysis.chains import curve_points
+from openmm_filament.analysis.chains import common_frames, curve_points
 from openmm_filament.geometry import dot, segments
 
 __all__ = ["contacts", "nearest"]
@@ -107,9 +107,7 @@ def nearest(first: Any, second: Any, *, closed: bool = False) -> Array:
 def _paired(x: Array, framed: bool, second: Any, least: int) -> tuple[Array, Array, bool]:
     """The points of two curves with as many frames each, and whether either has frames."""
     y, also = curve_points("second", second, least)
-    if len(x) != len(y) and 1 not in {len(x), len(y)}:
-        raise ValueError(f"Argument `second` must have {len(x)} frames or one, but has {len(y)}.")
-    frames = max(len(x), len(y))
+    frames = common_frames(x, y)
     x, y = (np.broadcast_to(points, (frames, *points.shape[1:])) for points in (x, y))
     return x, y, framed or also
 

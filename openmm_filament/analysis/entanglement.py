@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from openmm_filament import _checks as check
-from openmm_filament.analysis.chains import curve_points
+from openmm_filament.analysis.chains import common_frames, curve_points
 from openmm_filament.analysis.solid_angles import solid_angles
 from openmm_filament.geometry import segments
 
@@ -75,9 +75,7 @@ def linking(first: Any, second: Any, *, closed: bool | tuple[bool, bool] = False
         raise check.fail("closed", "be True, False or a tuple of two of them", repr(closed))
     p, framed = _polygon("first", first, ends[0])
     q, also = _polygon("second", second, ends[1])
-    if len(p) != len(q) and 1 not in {len(p), len(q)}:
-        raise ValueError(f"Argument `second` must have {len(p)} frames or one, but has {len(q)}.")
-    total = np.zeros(max(len(p), len(q)))
+    total = np.zeros(common_frames(p, q))
     p, q = (np.broadcast_to(x, (len(total), *x.shape[1:])) for x in _near_one(p, q))
     count, columns = p.shape[1] - 1, q.shape[1] - 1
     rows = max(1, min(count, _PAIRS // columns))
