@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import multiprocessing
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack
+from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
 from openmm_filament.executors import check_executor, main_hidden, worker_options
 
-__all__ = ["run_all"]
+__all__ = ["PATIENCE", "run_all"]
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+PATIENCE = 5.0
+"""Seconds that tasks under way are given at Ctrl-C."""
 
 
 def run_all(
@@ -26,7 +31,7 @@ def run_all(
 ) -> list[R | None]:
     """The result of `function`, an importable one, of each task; None where Ctrl-C came first.
 
-    Tasks that are under way at Ctrl-C run to their end. `progress` is called with the fraction done as tasks end, by
+    Tasks that are under way at Ctrl-C have PATIENCE seconds to end. `progress` is called with the fraction done as tasks end, by
     `costs` where these are given, else by number. With an `executor`, as `force_extension` takes it, the tasks run there
     and not in `workers` processes; it is left open. Raises what a task raises.
     """
@@ -34,6 +39,7 @@ def run_all(
     if executor is not None:
         check_executor(executor)
     pending: dict[Future[R], int] = {}
+    others = multiprocessing.active_children()
     results: list[R | None] = [None] * len(tasks)
     with ExitStack() as opened:
         pool: Executor = executor or opened.enter_context(
@@ -49,7 +55,7 @@ def run_all(
                     if progress is not None:
                         progress(1 - sum(weights[i] for i in pending.values()) / sum(weights))
         except KeyboardInterrupt:
-            _give_up(pool, pending, ours=executor is None)
+            _give_up(pool, pending, others if executor is None else None)
             for future, i in pending.items():
                 if not future.cancelled() and future.done() and future.exception() is None:
                     results[i] = future.result()
@@ -62,10 +68,14 @@ def run_all(
     return results
 
 
-def _give_up(pool: Executor, pending: dict[Future[R], int], *, ours: bool) -> None:
-    """Cancel what has not begun, and wait for the rest where the workers are ours."""
-    if ours:
-        pool.shutdown(wait=True, cancel_futures=True)
-        return
+def _give_up(pool: Executor, pending: Iterable[Future[R]], others: list[BaseProcess] | None) -> None:
+    """Cancel what has not begun; where the workers are ours, all children but `others`, end what takes too long."""
     for future in pending:
         future.cancel()
+    if others is None:
+        return
+    wait([future for future in pending if not future.cancelled()], timeout=PATIENCE)
+    for worker in multiprocessing.active_children():
+        if worker not in others:
+            worker.terminate()
+    pool.shutdown(wait=True, cancel_futures=True)

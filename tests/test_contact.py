@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 import warnings
 
 import numpy as np
@@ -562,3 +563,28 @@ def test_more_refusals() -> None:
     hard = [[of.loads.Pull(0, (0, 0, 1e9) * unit.piconewton)], []]
     with pytest.raises(PreflightError, match=r"[\d.]+ pN, but is 0.001 N"):
         of.preflight(of.build(crossed(0.5), hard))
+
+
+@pytest.mark.slow
+def test_cost_grows_linearly_at_fixed_density() -> None:
+    """From 10^4 beads to 10^5 on the CPU platform, in turns; the shortest of each, to which others on the machine only add."""
+    contexts = []
+    for side in (9, 28):
+        places = [np.array([0.0, 2.0 * i, 2.0 * j]) for i in range(side) for j in range(side)]
+        model = of.build([rod(125, 0.5, np.eye(3)[0], place) for place in places])
+        integrator = of.langevin(model, 300 * KELVIN, friction=1 / unit.picosecond, seed=1)
+        context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName("CPU"), CPU)
+        context.setPositions(model.positions)
+        context.setVelocitiesToTemperature(300, 1)
+        contexts.append((context, integrator, 125 * side**2))
+    few, many = np.min([[of_a_step(*each) for each in contexts] for _ in range(4)], axis=0)
+    assert 0.5 < many / few < 1.5
+
+
+def of_a_step(context: mm.Context, integrator: mm.Integrator, beads: int) -> float:
+    """Seconds of a bead and step."""
+    steps = 2_000_000 // beads
+    begun = time.perf_counter()
+    integrator.step(steps)
+    context.getState(positions=True)
+    return (time.perf_counter() - begun) / steps / beads

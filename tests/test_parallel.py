@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import pytest
 
+from openmm_filament import parallel
 from openmm_filament.executors import worker_options
 from openmm_filament.parallel import run_all
 
@@ -35,3 +38,19 @@ def test_what_a_task_raises_is_raised_and_the_executor_stays_open() -> None:
 def test_threads_are_refused() -> None:
     with ThreadPoolExecutor(1) as pool, pytest.raises(ValueError, match="must run in other processes"):
         run_all(math.sqrt, [4.0], 1, None, executor=pool)
+
+
+def asleep(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
+def test_ctrl_c_ends_what_takes_too_long_and_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(fraction: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(parallel, "PATIENCE", 1.0)
+    begun = time.monotonic()
+    assert run_all(asleep, [0.0, 0.3, 600.0, 600.0], 1, stop) == [0.0, 0.3, None, None]
+    assert time.monotonic() - begun < 60
+    assert not multiprocessing.active_children()

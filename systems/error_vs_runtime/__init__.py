@@ -20,7 +20,7 @@ from rich.console import Console
 from systems import stage
 from systems.error_vs_runtime import figures, judgement, tables, turns
 from systems.error_vs_runtime.integrators import available
-from systems.error_vs_runtime.sweeps import bars, loaded, masses, statics, strung, thermal
+from systems.error_vs_runtime.sweeps import bars, knots, loaded, masses, statics, strung, thermal
 from systems.error_vs_runtime.sweeps import growth as growing
 from systems.mass_spring.chain import Chain
 from systems.scene import Summary
@@ -59,6 +59,7 @@ STUDIES = {
     "planar_force_extension": (statics.planar_studies, thermal.planar_studies),
     "helix_force_extension": (statics.helix_studies, thermal.helix_studies),
     "dna_force_extension": (thermal.dna_studies,),
+    "pseudoknot": (knots.pseudoknot_studies,),
 }
 """What makes the questions of each system."""
 

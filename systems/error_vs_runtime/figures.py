@@ -52,8 +52,8 @@ def _series(study: Study) -> dict[str, list[Outcome]]:
         if o.results and o.error > 0:
             name = o.setting.series
             if study.thermal:
-                name = f"{o.setting.segments} segments" + (
-                    f", {o.setting.platform}" if o.setting.platform != "Reference" else ""
+                name = f"{o.setting.segments} segments" + name.removeprefix("LangevinMiddle").replace(
+                    "Euler", ", Euler"
                 )
             elif len({x.setting.softer for x in study.outcomes}) > 1:
                 name += f", bonds / {o.setting.softer:g}"

@@ -162,18 +162,25 @@ def _bending(studies: Sequence[Study]) -> list[str]:
 
 
 def _thermal(studies: Sequence[Study]) -> list[str]:
-    """Bias measured beside bias known."""
+    """Bias measured beside bias known, and what other integrators, forms and platforms give at the default's time step."""
     out = []
     for study in studies:
         default = default_of(study)
         if study.known is not None and default is not None:
             out.append(
-                f"{study.system}, {study.question}: the default setting deviates by ({100 * default.bias:+.2f} +- "
-                f"{100 * default.bias_error:.2f}) % on average over {len(default.deviations)} seeds, where "
-                f"{100 * study.known(default.setting):+.2f} % are known beforehand; one run of {default.seconds:.2g} s "
-                f"scatters by {100 * default.scatter:.2g} %."
+                f"{study.system}, {study.question}: the default setting deviates by {_deviation(default)} on average over "
+                f"{len(default.deviations)} seeds, where {100 * study.known(default.setting):+.2f} % are known beforehand; one "
+                f"run of {default.seconds:.2g} s scatters by {100 * default.scatter:.2g} %."
             )
+            others = [o for o in study.outcomes if o.results and o.setting.series != default.setting.series]
+            if others:
+                said = [f"{o.setting.label} by {_deviation(o)} in {o.seconds:.2g} s" for o in others]
+                out.append(f"{study.system}, {study.question}, in other ways: {'; '.join(said)}.")
     return out
+
+
+def _deviation(outcome: Outcome) -> str:
+    return f"({100 * outcome.bias:+.2f} +- {100 * outcome.bias_error:.2f}) %"
 
 
 def growth_checks(growth: Growth) -> list[Check]:

@@ -135,9 +135,8 @@ class Outcome:
 class Order:
     """A power law that theory expects: error against `variable` ("step", "segments", "effort") over some settings.
 
-    `theory` is the exponent, `floor` the error below which points are rounding or noise and are left out. With `signed` the
-    error is the bias, fitted with its standard errors, and the measured order has one too. `limit` counts off what remains:
-    an error that the setting cannot lose.
+    `theory` is the exponent, `floor` the error below which points are rounding or noise and are left out. Of thermal settings
+    the error is the scatter (by `effort`) or the size of the bias.
     """
 
     name: str

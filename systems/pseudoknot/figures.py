@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from systems.pseudoknot.judgement import Outcome, Setting, Slow
+from systems.pseudoknot.judgement import Outcome, Setting, Slow, least
 from systems.pseudoknot.plan import BASE
 from systems.pseudoknot.runs import Result
 
@@ -100,7 +100,9 @@ def summary(path: Path, table: list[Setting], found: Outcome) -> None:
     """Works against speed with their slow limits, and the settings without a number side by side."""
     drawing = _figure(11.0, 5.2)
     left, right = drawing.subplots(1, 2, width_ratios=(1, 1.25))
-    ratio, error = found.ratio
+    said = f"{found.ratio[0]:.0f} $\\pm$ {found.ratio[1]:.0f}"
+    if not found.making.resolved:
+        said = f"at least {least(found.making, found.breaking):.0f} (two standard errors)"
     for works, colour, name in ((found.making, _MAKE, "making"), (found.breaking, _BREAK, "breaking")):
         _limit(left, works, colour, name)
     left.set(
@@ -108,7 +110,7 @@ def summary(path: Path, table: list[Setting], found: Outcome) -> None:
         ylim=(2e-4, 8),
         xlabel="speed of the hand (m/s)",
         ylabel="work of the hand over E I/R",
-        title=f"slow limits: ratio {ratio:.0f} $\\pm$ {error:.0f}",
+        title=f"slow limits: ratio {said}",
     )
     left.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)
     shown = [line for line in table if line.group in {"base", "control", "way"}]

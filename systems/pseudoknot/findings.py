@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
-from systems.pseudoknot.judgement import Outcome, Setting, Slow
+from systems.pseudoknot.judgement import Outcome, Setting, Slow, least
 from systems.pseudoknot.plan import BASE, WARMTH
 from systems.pseudoknot.rows import Row
 
 __all__ = ["sentences"]
+
+SPECIAL = 0.1
+"""Part of the work of breaking two helices that making them, and breaking the controls, must stay below to call them special."""
 
 
 def sentences(rows: list[Row], table: list[Setting], found: Outcome) -> list[str]:
@@ -16,7 +19,7 @@ def sentences(rows: list[Row], table: list[Setting], found: Outcome) -> list[str
     by_label = {line.label: line for line in table}
     main = [line for line in table if line.group == "main"]
     return [
-        _ratio(found),
+        _ratio(found, main[-1]),
         _net(found),
         _special(by_label, main[-1]),
         _held(rows, by_label),
@@ -30,46 +33,58 @@ def _micro(work: Slow) -> str:
     return f"{1e6 * work.mean:.3g} +- {1e6 * work.error:.2g} uJ"
 
 
-def _ratio(found: Outcome) -> str:
-    ratio, error = found.ratio
+def _ratio(found: Outcome, slowest: Setting) -> str:
     speeds = f"{found.making.speeds.min():.2g} to {found.making.speeds.max():.2g} m/s"
-    if found.making.mean < 2 * found.making.error:
-        return (
-            f"At these speeds ({speeds}) the slow limit of making, {_micro(found.making)}, is not resolved from zero, and so "
-            f"no ratio to that of breaking, {_micro(found.breaking)}: the default run is slower."
-        )
     return (
         f"Extrapolated to slow from {speeds}, over the {len(found.making.each)} starts that formed at all speeds, the hand "
-        f"does {_micro(found.making)} to make the knot and {_micro(found.breaking)} to pull it apart: {ratio:.0f} +- "
-        f"{error:.0f} times as much ({math.log10(ratio):.2f} decades), where the thesis has nearly two orders of magnitude "
-        "for real springs. (--quick is fast, and its limits rough.)"
+        f"does {_micro(found.making)} to make the knot and {_micro(found.breaking)} to pull it apart: "
+        f"{_times(found.making, found.breaking, found.ratio)}, where the thesis has nearly two orders of magnitude for real "
+        f"springs, which rub. At the slowest speed alone, over the {slowest.formed} of {slowest.starts} starts that formed "
+        f"there, it is {slowest.ratio:.0f} +- {slowest.ratio_error:.0f} times. (--quick is fast, and its limits rough.)"
     )
 
 
+def _times(making: Slow, breaking: Slow, ratio: tuple[float, float]) -> str:
+    """Work over work; a bound where that of making is not resolved from zero."""
+    if not making.resolved:
+        low = least(making, breaking)
+        return f"the first is not resolved from zero, and the ratio at least {low:.0f} (two standard errors)"
+    return f"{ratio[0]:.0f} +- {ratio[1]:.0f} times as much"
+
+
 def _net(found: Outcome) -> str:
-    ratio, error = found.net_ratio
-    resolved = found.net_making.mean >= 2 * found.net_making.error
-    times = f"{ratio:.0f} +- {error:.0f} times as much" if resolved else "the first not resolved from zero"
     return (
         "With the work on a coil that is moved alone taken off at every speed, the same limits are "
-        f"{_micro(found.net_making)} and {_micro(found.net_breaking)}, {times}; E I/R is "
-        f"{1e6 * BASE.energy:.3g} uJ."
+        f"{_micro(found.net_making)} and {_micro(found.net_breaking)}: "
+        f"{_times(found.net_making, found.net_breaking, found.net_ratio)}; E I/R is {1e6 * BASE.energy:.3g} uJ."
     )
 
 
 def _special(by_label: dict[str, Setting], knot: Setting) -> str:
-    pulls = [
+    """What the two helices take beside the controls; why they are special only where they are."""
+    controls = [line for name in ("two rods", "rod in a helix", "opposite hands") if (line := by_label.get(name))]
+    beside = [
         f"{line.label} {line.breaking / line.energy_unit:.2g}" if line.formed else f"{line.label} none formed"
-        for name in ("two rods", "rod in a helix", "opposite hands")
-        if (line := by_label.get(name))
+        for line in controls
     ]
     back = by_label.get("unscrewed")
     reversed_way = f", and unscrewing undoes it for {back.breaking / back.energy_unit:.2g}" if back else ""
-    return (
-        "What makes helices special: a helix screwed along itself takes up no new space, so two of one hand wind together for "
-        f"{knot.making / knot.energy_unit:.2g} E I/R, while any other way out must bend their coils open: the straight pull "
-        f"takes {knot.breaking / knot.energy_unit:.2g} E I/R (controls: {', '.join(pulls)}{reversed_way})."
+    took = (
+        f"Two helices of one hand wind together for {knot.making / knot.energy_unit:.2g} E I/R, and the straight pull takes "
+        f"{knot.breaking / knot.energy_unit:.2g} E I/R (controls: {', '.join(beside)}{reversed_way})"
     )
+    others_hold = any(_pull(line) >= SPECIAL * _pull(knot) for line in controls if line.formed)
+    if others_hold or knot.making > SPECIAL * knot.breaking or not knot.formed:
+        return f"{took}: these runs do not show what makes helices special."
+    return (
+        f"{took}. What makes helices special: a helix screwed along itself takes up no new space, while any other way out "
+        "must bend the coils open."
+    )
+
+
+def _pull(line: Setting) -> float:
+    """Work of breaking over E I/R."""
+    return line.breaking / line.energy_unit
 
 
 def _held(rows: list[Row], by_label: dict[str, Setting]) -> str:
@@ -85,12 +100,22 @@ def _held(rows: list[Row], by_label: dict[str, Setting]) -> str:
 
 
 def _ways(by_label: dict[str, Setting]) -> list[str]:
+    pushed = [line for name in ("pushed without turning", "pushed from the side") if (line := by_label.get(name))]
     pushes = [
-        f"{line.label}: {line.formed} of {line.starts}, for {line.making / line.energy_unit:.2g} E I/R"
-        for name in ("pushed without turning", "pushed from the side")
-        if (line := by_label.get(name))
+        f"{line.label}: {line.formed} of {line.starts}, for {line.making / line.energy_unit:.2g} E I/R, out again for "
+        f"{_pull(line):.2g}"
+        if line.formed
+        else f"{line.label}: none of {line.starts}"
+        for line in pushed
     ]
-    out = ["Without turning no way in was found that holds as well (" + "; ".join(pushes) + ")."] if pushes else []
+    knot, hold = by_label.get("screwed in, pulled out"), [line for line in pushed if line.formed]
+    as_well = knot and knot.formed and any(_pull(line) >= _pull(knot) / 2 for line in hold)
+    head = (
+        "There are ways in that hold without turning"
+        if as_well
+        else "Without turning no way in was found that holds as well"
+    )
+    out = [f"{head} ({'; '.join(pushes)})."] if pushes else []
     side = by_label.get("pulled sideways")
     if side and side.formed:
         out.append(

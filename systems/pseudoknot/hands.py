@@ -183,7 +183,8 @@ class Hand:
     """Traps on beads of the upper chains of a task that move together as one rigid body; `number` is the task's in its World."""
 
     def __init__(self, task: Task, motion: Motion, number: int) -> None:
-        self.first = len(GRIP) * number
+        traps_of = range(len(GRIP) * number, len(GRIP) * (number + 1))
+        self.names = [traps.parameter(trap, axis) for trap in traps_of for axis in traps.AXES]
         beads = task.upper.segments + 1
         grip = np.array(GRIP) % beads
         points = task.upper.shape()[grip]
@@ -204,8 +205,7 @@ class Hand:
         before = self.centres + self.shift - there
         self.shift = way.displacements(self.points, part)
         after = self.centres + self.shift - there
-        for number, move in enumerate(self.shift * world.metre, start=self.first):
-            for axis, value in zip(traps.AXES, move.tolist(), strict=True):
-                world.context.setParameter(traps.parameter(number, axis), value)
+        for name, value in zip(self.names, (self.shift * world.metre).ravel().tolist(), strict=True):
+            world.context.setParameter(name, value)
         self.force = self.stiffness * (before + after).sum(axis=1) / 2
         return np.asarray(0.5 * self.stiffness * (after**2 - before**2).sum(axis=(1, 2)))

@@ -21,14 +21,14 @@ BASE = Wire()
 OVERLAP = 1.5
 """Turns of the upper helix that are brought into the lower one."""
 
-SLOWNESS = (3.0, 6.0, 12.0)
+SLOWNESS = (2.5, 5.0, 10.0)
 """Times of making over the period of the slowest swing of the lower helix."""
 
-BESIDE = 2.0
+BESIDE = 2.5
 """The same of what stands beside the knot itself: one speed."""
 
 PULL = 0.5
-"""Time of the straight pull over that of making: its work depends little on its speed."""
+"""Time of a pull, straight or sideways, over that of making: its work depends little on its speed."""
 
 REST = 0.5
 """Time in which the knot is left alone, over that period."""
@@ -172,7 +172,7 @@ def task(case: Case, slowness: float, poses: tuple[Pose, ...], seed: int, *, fil
         making,
         Way("held", (0.0, 0.0, 0.0)) if case.held else None,
         breaking,
-        (slowness * period, case.rest * period, slowness * period * (PULL if case.breaking == "straight" else 1.0)),
+        (slowness * period, case.rest * period, slowness * period * (1.0 if case.breaking == "unscrew" else PULL)),
         DAMPING / period,
         CHILL * energy,
         case.warmth * BASE.energy,

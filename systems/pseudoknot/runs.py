@@ -7,7 +7,7 @@ import multiprocessing
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from openmm_filament.inspection import PreflightError
 from systems.pseudoknot.hands import Hand, Motion, Task, World, model_of, placed
 from systems.pseudoknot.ways import Way, smooth
 
-__all__ = ["CLOSES", "EVERY", "STEPS", "Phase", "Result", "attempt", "run"]
+__all__ = ["CLOSES", "EVERY", "STEPS", "Phase", "Result", "attempt", "made", "run"]
 
 Array = NDArray[np.float64]
 
@@ -148,7 +148,7 @@ def run(tasks: Sequence[Task]) -> list[Result]:
     """
     if len({task.shared for task in tasks}) != 1:
         raise ValueError("Argument `tasks` must share times, damping, warmth and whether the hand lets go.")
-    limit = of.stable_timestep(model_of(tasks, placed(tasks))).value_in_unit(unit.second)
+    limit = _limit(tasks)
     found: list[Result] = []
     for part in (1, 0.5, 0.25):
         try:
@@ -166,18 +166,40 @@ def run(tasks: Sequence[Task]) -> list[Result]:
     return found
 
 
-def _attempt(tasks: Sequence[Task], limit: float) -> list[Result]:
+def made(task: Task, part: float) -> Phase:
+    """The making of one task alone, at this part of the limit of the time step, whatever comes of it.
+
+    Raises RuntimeError if a chain comes apart or heats up.
+    """
+    try:
+        (phase,) = _phase([task], _starting([task]), "making", task.times[0], part * _limit([task]), 1)
+    except _TornError as error:
+        raise RuntimeError(f"A chain of {task.label!r} comes apart with {part:.3g} of the stable time step.") from error
+    return phase
+
+
+def _limit(tasks: Sequence[Task]) -> float:
+    """Of the time step at rest, s: the least of the tasks', whose chains never meet those of another task."""
+    alone = [replace(task, poses=task.poses[:1]) for task in tasks]
+    return min(float(of.stable_timestep(model_of([t], placed([t]))).value_in_unit(unit.second)) for t in alone)
+
+
+def _starting(tasks: Sequence[Task]) -> list[Motion]:
+    """Where the pairs begin, and with what velocities."""
     motions = []
     for task, x in zip(tasks, placed(tasks), strict=True):
         masses = task.masses()
         spread = np.sqrt(task.chill / np.where(masses > 0, masses, np.inf))
         motions.append(Motion(x, np.random.default_rng(task.seed).normal(size=x.shape) * spread[:, None]))
+    return motions
+
+
+def _attempt(tasks: Sequence[Task], limit: float) -> list[Result]:
+    motions = _starting(tasks)
     seeds = np.random.default_rng([tasks[0].seed, 1]).integers(1, 2**31 - 1, 3)
     phases = []
     for name, part, time, seed in zip(("making", "resting", "breaking"), STEPS, tasks[0].times, seeds, strict=True):
-        records = max(math.ceil(time / (part * limit * STRIDE * EVERY)), 1)
-        step = time / (records * EVERY * STRIDE)
-        phases.append(_phase(tasks, motions, name, step, records * EVERY, int(seed)))
+        phases.append(_phase(tasks, motions, name, time, part * limit, int(seed)))
         for task, motion in zip(tasks, motions, strict=True):
             motion.turned = task.making.turns
     return [Result(task, *parts) for task, *parts in zip(tasks, *phases, strict=True)]
@@ -197,9 +219,14 @@ class _Pairs:
 
 
 def _phase(
-    tasks: Sequence[Task], motions: Sequence[Motion], name: str, step: float, moves: int, seed: int
+    tasks: Sequence[Task], motions: Sequence[Motion], name: str, time: float, longest: float, seed: int
 ) -> list[Phase]:
-    """Go the ways of this name (or none: the hands have let go), and leave the motions as they are at the end."""
+    """Go the ways of this name (or none: the hands have let go) in so long a time, and leave the motions as they are then.
+
+    The time step is the longest, or somewhat less to come out even.
+    """
+    moves = EVERY * max(math.ceil(time / (longest * STRIDE * EVERY)), 1)
+    step = time / (moves * STRIDE)
     ways = [getattr(task, name) for task in tasks]
     gripped = ways[0] is not None
     model = model_of(tasks, [motion.x for motion in motions], gripped=gripped)

@@ -36,10 +36,9 @@ class Way:
     def displacements(self, points: Array, part: float) -> Array:
         """Displacements (G, 3) of points (G, 3), counted from the axis of the turn, after `part` of the way."""
         angle = 2 * math.pi * self.turns * part
-        turned = points.copy()
-        turned[:, 0] = math.cos(angle) * points[:, 0] - math.sin(angle) * points[:, 1]
-        turned[:, 1] = math.sin(angle) * points[:, 0] + math.cos(angle) * points[:, 1]
-        return np.asarray(turned - points + part * np.array(self.along))
+        sine, versine = math.sin(angle), 2 * math.sin(angle / 2) ** 2
+        turned = points @ np.array([[-versine, sine, 0.0], [-sine, -versine, 0.0], [0.0, 0.0, 0.0]])
+        return np.asarray(turned + part * np.array(self.along))
 
     @property
     def distance(self) -> float:

@@ -155,50 +155,61 @@ def expected(*, quick: bool) -> float:
     return 20.0 if quick else 180.0
 
 
-def _jobs(*, quick: bool) -> list[tuple[int, Callable[[int], Row]]]:
-    """What is measured, each taking so many timings at once, with its beads."""
-    sizes = [10, 30, 100, 1000, 10_000, 30_000] if quick else [10, 30, 100, 300, 1000, 10_000, 100_000, 1_000_000]
+@dataclass(frozen=True)
+class _Job:
+    """What makes so many timings of one thing; `once` where it takes long to begin, with all of its timings."""
+
+    take: Callable[[int], Row]
+    once: bool
+
+
+def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
+    """All that is timed."""
     cores = available_workers(None)
-    jobs: list[tuple[int, Callable[[int], Row]]] = []
+    jobs: list[_Job] = []
     for platform in available():
-        few = [n for n in sizes if n in ({10_000} if quick else {100, 1000, 10_000, 100_000})]
+        some = sizes
+        if platform != "Reference" and quick:
+            some = [1000, 10_000] if platform == "CPU" else [10_000]
+        elif platform == "OpenCL":
+            some = [100, 1000, 10_000, 100_000]
         for threads in {1, cores} if platform == "CPU" else {1}:
             jobs += [
-                (beads, partial(timed, beads, WHOLE, platform, threads=threads, kind="size"))
-                for beads in (few if platform == "OpenCL" else sizes)
+                _Job(partial(timed, beads, WHOLE, platform, threads=threads, kind="size"), beads > _LARGE)
+                for beads in some
             ]
-    jobs += [(1000, partial(timed, 1000, name, "Reference", kind="term")) for name in TERMS]
+    jobs += [_Job(partial(timed, 1000, name, "Reference", kind="term"), False) for name in TERMS]
     jobs += [
-        (20 * n, partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas")) for n in (1, 4, 16, 64)
+        _Job(partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas"), False) for n in (1, 4, 16, 64)
     ]
-    jobs += [(320, partial(_processes, workers)) for workers in sorted({1, cores})]
-    return jobs
+    return jobs + [_Job(partial(_processes, workers), False) for workers in sorted({1, cores})]
 
 
 def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
-    """All measurements: the small ones in turns, so that what else the machine does falls on all of them; the large ones once."""
+    """All measurements: most of them in turns, so that what else the machine does falls on all of them."""
     rounds = 2 if quick else 5
-    jobs = _jobs(quick=quick)
-    turns = [i for _ in range(rounds) for i, (beads, _) in enumerate(jobs) if beads <= _LARGE]
-    turns += [i for i, (beads, _) in enumerate(jobs) if beads > _LARGE]
+    sizes = [10, 30, 100, 1000, 10_000, 30_000] if quick else [10, 30, 100, 300, 1000, 10_000, 100_000, 1_000_000]
+    jobs = _jobs(sizes, quick=quick)
+    turns = [i for _ in range(rounds) for i, job in enumerate(jobs) if not job.once]
+    turns += [i for i, job in enumerate(jobs) if job.once]
     found: list[list[Row]] = [[] for _ in jobs]
     for done, i in enumerate(turns):
-        beads, job = jobs[i]
-        found[i].append(job(1 if beads <= _LARGE else rounds))
+        found[i].append(jobs[i].take(rounds if jobs[i].once else 1))
         progress(done / (len(turns) + 1))
     rows = [_together(each) for each in found]
-    largest = max(beads for beads, _ in jobs)
-    (memory,) = run_all(_memory, [largest], 1, None)
+    (memory,) = run_all(_memory, [sizes[-1]], 1, None)
     if memory is not None:
         nothing = math.nan
-        rows.append(Row("memory", largest, "Reference", WHOLE, 1, 1, nothing, nothing, nothing, bytes_per_bead=memory))
+        rows.append(
+            Row("memory", sizes[-1], "Reference", WHOLE, 1, 1, nothing, nothing, nothing, bytes_per_bead=memory)
+        )
     progress(1.0)
     return Growth(rows)
 
 
 def _processes(workers: int, repeats: int) -> Row:
     """So many processes at once, each with 16 replicas of 20 beads: they do so many times the work."""
-    lasting = 12 * repeats  # a second, beside which it matters little that one begins before the other
+    lasting = 12 * repeats  # a second or more, beside which it matters little that one begins before the other
     finished = run_all(_process, [(20, 16, lasting)] * workers, workers, None)
     each = [value / workers for value in finished if value is not None]
     return Row("processes", 20, "Reference", "+ bending", workers, 16, median(each), min(each), max(each))

@@ -103,7 +103,7 @@ def weighted_studies(*, quick: bool) -> list[Study]:
             "weighted_string", "lines 1 to 20 of 210 segments", "exact discrete string", partial(measure, scene), settings,
             (), default, stated, seconds=3.9 if quick else 14.0, admitted=is_damped,
         ),
-        time_step_alone("weighted_string", weak),
+        time_step_alone("weighted_string", weak, quick=quick),
         Study(
             "weighted_string", "lines 1 to 10 of the string", "continuous loaded string", partial(measure, body),
             [Setting(n, step, softer=soft_) for n in sizes for soft_, step in ((64.0, 0.2), (64.0, 0.8), (900.0, 0.9))],
