@@ -353,7 +353,7 @@ def test_all_that_is_varied_has_a_panel_in_the_figure() -> None:
     assert {case.group for case in plan.cases(quick=False) if not math.isnan(case.value)} == set(figures._NAMES)
 
 
-def test_of_a_work_that_is_not_resolved_the_ratio_has_a_bound() -> None:
+def test_of_a_work_that_is_not_resolved_the_ratio_has_a_bound(tmp_path: Path) -> None:
     slowest = judgement.settings([row()], [plan.Case("two helices", "main", slowness=(1.0,))])[-1]
     found = judgement.outcome(ensemble([-1e-6, 3e-6], 1e-6))  # 1 +- 2 uJ; breaking is the slow limit of 100 uJ
     bound = found.breaking.mean / 5e-6
@@ -364,6 +364,12 @@ def test_of_a_work_that_is_not_resolved_the_ratio_has_a_bound() -> None:
     assert check.value == pytest.approx(bound)
     assert check.passed == (bound < 200)
     assert "100 +- 0 times as much" in findings._net(judgement.outcome(ensemble([1e-6, 1e-6], 1e-6)))
+    below = judgement.outcome(ensemble([-5e-6, -6e-6], 1e-6))
+    assert "tell no ratio" in findings._ratio(below, slowest)
+    assert not judgement._thesis(below).passed
+    for i, drawn_of in enumerate((found, below)):
+        figures.summary(tmp_path / f"{i}.png", [slowest], drawn_of)
+        assert (tmp_path / f"{i}.png").stat().st_size > 10_000
 
 
 # The whole ------------------------------------------------------------------------------------------------------------

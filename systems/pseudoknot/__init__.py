@@ -138,7 +138,7 @@ def _judged(
     return [*findings.sentences(rows, table, slow), *said], judgement.checks(results, rows, slow, failed)
 
 
-FRAMES = {False: 60, True: 30}
+FRAMES = {False: 60, True: 24}
 """Frames of the trajectory and of the film, at most, of a full and of a quick run."""
 
 

@@ -102,7 +102,8 @@ def summary(path: Path, table: list[Setting], found: Outcome) -> None:
     left, right = drawing.subplots(1, 2, width_ratios=(1, 1.25))
     said = f"{found.ratio[0]:.0f} $\\pm$ {found.ratio[1]:.0f}"
     if not found.making.resolved:
-        said = f"at least {least(found.making, found.breaking):.0f} (two standard errors)"
+        low = least(found.making, found.breaking)
+        said = "not told" if np.isnan(low) else f"at least {low:.0f} (two standard errors)"
     for works, colour, name in ((found.making, _MAKE, "making"), (found.breaking, _BREAK, "breaking")):
         _limit(left, works, colour, name)
     left.set(

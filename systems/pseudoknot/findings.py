@@ -48,6 +48,8 @@ def _times(making: Slow, breaking: Slow, ratio: tuple[float, float]) -> str:
     """Work over work; a bound where that of making is not resolved from zero."""
     if not making.resolved:
         low = least(making, breaking)
+        if math.isnan(low):
+            return "these speeds are too high for a straight line to zero, and tell no ratio"
         return f"the first is not resolved from zero, and the ratio at least {low:.0f} (two standard errors)"
     return f"{ratio[0]:.0f} +- {ratio[1]:.0f} times as much"
 

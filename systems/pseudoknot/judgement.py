@@ -99,8 +99,8 @@ def outcome(rows: list[Row]) -> Outcome:
 
 
 def least(making: Slow, breaking: Slow) -> float:
-    """What the ratio is at least, by two standard errors of making."""
-    return breaking.mean / making.most
+    """What the ratio is at least, by two standard errors of making; NaN where that is below zero: no work is, when slow."""
+    return breaking.mean / making.most if making.most > 0 else math.nan
 
 
 def _ratio(breaking: Slow, making: Slow) -> tuple[float, float]:
@@ -200,7 +200,7 @@ def _thesis(found: Outcome) -> Check:
     (ratio, error), (near, room) = found.ratio, _THESIS
     if not found.making.resolved:
         low = least(found.making, found.breaking)
-        far = max(math.log10(max(low, _TINY) / near), 0.0)
+        far = math.inf if math.isnan(low) else max(math.log10(max(low, _TINY) / near), 0.0)
         return Check(name.format(", at least (two standard errors)"), "claim", low, near, far, room)
     positive = max(ratio, _TINY)
     far = abs(math.log10(positive / near))

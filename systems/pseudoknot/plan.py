@@ -121,7 +121,7 @@ def cases(*, quick: bool) -> list[Case]:
     if not quick:
         return [main, base, *controls, *ways, scaled, *varied]
     few = [replace(case, starts=1, slowness=(0.8,), rest=0.3) for case in (base, controls[0], controls[2])]
-    return [replace(main, slowness=(0.8, 1.1, 1.4), starts=4, rest=0.3), *few]
+    return [replace(main, slowness=(0.8, 1.3), starts=4, rest=0.3), *few]
 
 
 def linked(wire: Wire) -> float:
