@@ -196,7 +196,8 @@ def growth_checks(growth: Growth) -> list[Check]:
 
 def growth_findings(growth: Growth) -> list[str]:
     """In words."""
-    terms = {r.terms: r.ns_per_bead_step for r in growth.rows if r.kind == "term"}
+    terms = {r.terms: r.ns_per_bead_step for r in growth.rows if r.kind == "term" and r.platform == "Reference"}
+    crowded = {r.terms: r.ns_per_bead_step for r in growth.rows if r.kind == "term" and r.platform == "CPU"}
     whole = terms[growing.WHOLE]
     largest = growth.sizes("Reference")[-1]
     out = [
@@ -207,6 +208,11 @@ def growth_findings(growth: Growth) -> list[str]:
         f"{largest.beads:,} beads are built in {largest.build_seconds:.2g} s and take "
         f"{largest.ns_per_bead_step:.0f} ns a bead and step.",
     ]
+    if growing.CROWDED in crowded:
+        out.append(
+            f"On the CPU platform with one thread they take {crowded[growing.WHOLE]:.0f} ns, with contact "
+            f"{crowded[growing.CROWDED]:.0f} ns."
+        )
     memory = [r for r in growth.rows if r.kind == "memory"]
     out += [f"{r.beads:,} beads take {r.bytes_per_bead:.0f} bytes each, model and Context." for r in memory[-1:]]
     reference = growth.sizes("Reference")

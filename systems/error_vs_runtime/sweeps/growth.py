@@ -22,7 +22,7 @@ from openmm_filament.executors import available_workers
 from openmm_filament.parallel import run_all
 from systems.error_vs_runtime.integrators import available
 
-__all__ = ["TERMS", "Growth", "Row", "crossover", "expected", "flatness", "grown"]
+__all__ = ["CROWDED", "TERMS", "WHOLE", "Growth", "Row", "crossover", "expected", "flatness", "grown"]
 
 Array = NDArray[np.float64]
 
@@ -32,10 +32,15 @@ TERMS: dict[str, tuple[str, ...]] = {
     "+ bending": ("stretching", "bending"),
     "+ bending (arctangent)": ("stretching", "arctangent"),
     "+ bending + torsion": ("stretching", "bending", "torsion"),
+    "+ bending + weighted torsion": ("stretching", "bending", "weighted"),
+    "+ bending + torsion + electrostatics": ("stretching", "bending", "torsion", "electrostatics"),
+    "+ bending + torsion + contact": ("stretching", "bending", "torsion", "contact"),
 }
-"""What chains are made of; the last is the whole."""
+"""What chains are made of."""
 
 WHOLE = "+ bending + torsion"
+CROWDED = "+ bending + torsion + contact"
+"""Measured beside WHOLE on the CPU platform, which contact is for: Reference makes its list of neighbours in every step."""
 FLAT_FROM = 100
 """Beads from which on the cost of a bead and step is to be flat."""
 FLAT = 0.15
@@ -87,6 +92,9 @@ def _model(beads: int, terms: str, replicas: int = 1) -> of.Model:
         "bending": of.bending.Harmonic(20 * KJ),
         "arctangent": of.bending.Harmonic(20 * KJ, form="arctangent"),
         "torsion": of.torsion.Harmonic(4 * KJ),
+        "weighted": of.torsion.Weighted(4 * KJ),
+        "electrostatics": of.electrostatics.Neighbour(0.1 * unit.elementary_charge),
+        "contact": of.contact.Repulsion(1 * unit.nanometer, 200 * KJ / unit.nanometer**2),
     }
     filament = of.Filament(rest, 10 * unit.dalton, tuple(every[name] for name in TERMS[terms]))
     return of.build([filament] * replicas if replicas > 1 else filament)
@@ -178,7 +186,10 @@ def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
                 _Job(partial(timed, beads, WHOLE, platform, threads=threads, kind="size"), beads > _LARGE)
                 for beads in some
             ]
-    jobs += [_Job(partial(timed, 1000, name, "Reference", kind="term"), False) for name in TERMS]
+    made_of = [(name, "Reference") for name in TERMS if name != CROWDED]
+    if "CPU" in available():
+        made_of += [(WHOLE, "CPU"), (CROWDED, "CPU")]
+    jobs += [_Job(partial(timed, 1000, name, platform, kind="term"), False) for name, platform in made_of]
     jobs += [
         _Job(partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas"), False) for n in (1, 4, 16, 64)
     ]
