@@ -12,7 +12,8 @@ import numpy as np
 from systems.error_vs_runtime.front import fitted, pareto
 from systems.error_vs_runtime.judgement import recommended
 from systems.error_vs_runtime.settings import Outcome, Study
-from systems.error_vs_runtime.sweeps.growth import WHOLE, Growth
+from systems.error_vs_runtime.sweeps.growth import Growth
+from systems.error_vs_runtime.sweeps.timing import WHOLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
