@@ -10,15 +10,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import openmm as mm
 import pytest
 from matplotlib.figure import Figure
 from openmm import unit
+from scipy import linalg
 
+import openmm_filament as of
 from systems import __main__ as command
 from systems import mass_spring, strings
-from systems.error_vs_runtime import figures, front, judgement, tables, turns
+from systems.error_vs_runtime import figures, front, integrators, judgement, tables, turns
 from systems.error_vs_runtime.settings import Order, Outcome, Result, Setting, Study
-from systems.error_vs_runtime.sweeps import growth, loaded, masses, statics, strung, thermal
+from systems.error_vs_runtime.sweeps import growth, loaded, masses, statics, strung, thermal, timing
 from systems.weighted_string import chain as weighted
 
 
@@ -204,8 +207,8 @@ def test_no_round_begins_that_would_end_too_late() -> None:
 
 
 def test_growth_is_flat_or_not_and_platforms_cross() -> None:
-    def row(beads: int, ns: float, platform: str = "Reference") -> growth.Row:
-        return growth.Row("size", beads, platform, growth.WHOLE, 1, 1, ns, ns, ns)
+    def row(beads: int, ns: float, platform: str = "Reference") -> timing.Row:
+        return timing.Row("size", beads, platform, timing.WHOLE, 1, 1, ns, ns, ns, over_control=ns / 100)
 
     assert growth.flatness([row(10, 500), row(100, 100), row(1000, 110), row(10_000, 90)]) == pytest.approx(0.1)
     slow = [row(n, 100.0) for n in (10, 100, 1000)]
@@ -214,16 +217,30 @@ def test_growth_is_flat_or_not_and_platforms_cross() -> None:
     assert math.isnan(growth.crossover(slow, [row(n, 200.0) for n in (10, 100, 1000)]))
     assert growth.crossover(slow, [row(n, 50.0) for n in (10, 100, 1000)]) == 10
     other = [row(n, ns, "OpenCL") for n, ns in ((100, 200.0), (1000, 50.0), (10_000, 200.0))]
-    terms = [replace(row(1000, 100.0), kind="term", terms=name) for name in growth.TERMS]
+    terms = [replace(row(1000, 100.0), kind="term", terms=name) for name in timing.TERMS]
     said = judgement.growth_findings(growth.Growth([*slow, row(10_000, 100.0), *other, *terms]))
     assert "OpenCL is not faster than Reference at 10,000 beads, the most that it was run with." in said
-    made = growth.timed(30, "+ bending", "Reference", 1, kind="size")
+    crowded = [
+        replace(row(1000, ns, "CPU"), kind="term", terms=t)
+        for t, ns in ((timing.WHOLE, 300.0), (timing.CROWDED, 350.0))
+    ]
+    said = judgement.growth_findings(growth.Growth([*slow, *terms, *crowded]))
+    assert "On the CPU platform with one thread they take 300 ns, with contact 350 ns." in said
+
+
+def test_a_chain_is_timed_beside_its_control() -> None:
+    made = timing.timed(30, "+ bending", "Reference", 3, kind="size")
     assert made.least <= made.ns_per_bead_step <= made.most
+    assert math.isnan(made.over_control)
+    twice = timing.timed(30, "+ bending", "Reference", 3, kind="size", control=lambda: made.least / 2e9)
+    assert twice.over_control == pytest.approx(2 * twice.ns_per_bead_step / made.least)
+    alike = timing.timed(timing.CONTROL, timing.WHOLE, "Reference", 5, kind="size", control=timing.controlled())
+    assert 0.5 < alike.over_control < 2
 
 
 def test_turns_of_a_measurement_become_one_row() -> None:
     turns = [
-        growth.Row("size", 100, "CPU", growth.WHOLE, 2, 1, ns, ns - 1, ns + 1, build)
+        timing.Row("size", 100, "CPU", timing.WHOLE, 2, 1, ns, ns - 1, ns + 1, build)
         for ns, build in ((300.0, 0.1), (500.0, 0.3), (320.0, 0.2))
     ]
     one = growth._together(turns)
@@ -245,9 +262,31 @@ def test_lines_of_masses_converge_and_the_default_is_the_systems_own() -> None:
     assert front.fitted(fourth, small.outcomes).order == pytest.approx(4.0, abs=0.1)
 
 
-def test_the_loaded_string_in_sines_is_the_limit_of_its_beads() -> None:
-    from scipy import linalg
+def test_noise_in_eulers_kick_widens_a_well_as_said() -> None:
+    """200 beads on springs at r = 0.8 against the stationary state of the linear map, and that against `1/(1 - r^2)`."""
+    stiffness, step, rate = 100.0, 0.8 * 2 / 10, 0.1
+    system, spring = mm.System(), mm.CustomExternalForce(f"0.5*{stiffness}*(x^2+y^2+z^2)")
+    for i in range(200):
+        system.addParticle(1.0)
+        spring.addParticle(i)
+    system.addForce(spring)
+    integrator = integrators.noisy_euler_cromer(300.0, rate, step, 1)
+    context = mm.Context(system, integrator, mm.Platform.getPlatformByName("Reference"))
+    context.setPositions(np.zeros((200, 3)))
+    integrator.step(500)
+    squares = []
+    for _ in range(600):
+        integrator.step(20)
+        squares.append((context.getState(positions=True).getPositions(asNumpy=True)._value ** 2).mean())
+    kt, kept = of.units.BOLTZMANN * 300, 1 - rate * step
+    turn = np.array([[1 - step**2 * stiffness, step * kept], [-step * stiffness, kept]])
+    kick = np.array([step, 1.0])
+    exact = linalg.solve_discrete_lyapunov(turn, 2 * rate * step * kt * np.outer(kick, kick))[0, 0]
+    assert np.mean(squares) == pytest.approx(exact, rel=0.02)
+    assert exact * stiffness / kt == pytest.approx(1 / (1 - 0.64), rel=0.03)
 
+
+def test_the_loaded_string_in_sines_is_the_limit_of_its_beads() -> None:
     segments = 600
     masses = weighted.CASES[1].masses(segments)[1:-1]
     stiffness = weighted.matrices(segments)

@@ -203,6 +203,14 @@ def test_the_stiffest_mode_is_reckoned_as_the_hessian_has_it() -> None:
     np.testing.assert_allclose(ratio / np.median(ratio), 1.0, atol=0.25)
 
 
+def test_a_holding_force_is_that_without_ringing() -> None:
+    times = np.linspace(0, 1.0, 2001)
+    pull = 3.0 * np.sin(np.pi * times)
+    ringing = 2.0 * np.sin(2 * np.pi * times / 0.02)
+    assert rows.steadily(pull + ringing, times, 1.0) == pytest.approx(3.0, rel=0.01)
+    assert rows.steadily(np.array([1.0, 2.0]), times[:2], 1.0) == 1.5
+
+
 # Judgement ------------------------------------------------------------------------------------------------------------
 
 

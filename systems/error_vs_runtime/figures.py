@@ -12,7 +12,8 @@ import numpy as np
 from systems.error_vs_runtime.front import fitted, pareto
 from systems.error_vs_runtime.judgement import recommended
 from systems.error_vs_runtime.settings import Outcome, Study
-from systems.error_vs_runtime.sweeps.growth import WHOLE, Growth
+from systems.error_vs_runtime.sweeps.growth import Growth
+from systems.error_vs_runtime.sweeps.timing import WHOLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -191,11 +192,14 @@ def draw_growth(path: Path, growth: Growth) -> None:
     costs = [r for r in growth.rows if r.kind == "term"]
     bars = [r.ns_per_bead_step for r in costs]
     low = [[r.ns_per_bead_step - r.least for r in costs], [r.most - r.ns_per_bead_step for r in costs]]
-    term.barh([r.terms for r in costs], bars, xerr=low, color="C0", alpha=0.8, capsize=3)
+    names = [r.terms + ("" if r.platform == "Reference" else f", {r.platform}") for r in costs]
+    term.barh(
+        names, bars, xerr=low, color=["C0" if r.platform == "Reference" else "C1" for r in costs], alpha=0.8, capsize=3
+    )
     for i, value in enumerate(bars):
         term.annotate(f"{value:.0f} ns", (value, i), textcoords="offset points", xytext=(6, 8), fontsize=9)
     term.invert_yaxis()
-    term.set(xlabel="ns per bead and step", title="What a term costs (Reference, 1000 beads)")
+    term.set(xlabel="ns per bead and step", title="What a term costs (1000 beads; Reference, and CPU with one thread)")
     term.margins(x=0.18)
     rows = growth.sizes("Reference")
     build.plot(

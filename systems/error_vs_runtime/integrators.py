@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import openmm as mm
@@ -11,7 +12,7 @@ import openmm_filament as of
 from systems import stage
 from systems.fourth_order import fourth_order
 
-__all__ = ["INTEGRATORS", "available", "made", "opened"]
+__all__ = ["INTEGRATORS", "available", "made", "noisy_euler_cromer", "opened"]
 
 INTEGRATORS = ("Verlet", "Euler-Cromer", "LangevinMiddle", "PEFRL")
 """Euler-Cromer is the thesis's; LangevinMiddle runs at 0 K; PEFRL is of fourth order, with four forces a step."""
@@ -33,6 +34,20 @@ def made(name: str, model: of.Model, timestep: float, damping: float) -> mm.Inte
     if name == "LangevinMiddle":
         return stage.alike(model, timestep, damping)
     raise ValueError(f"Argument `name` must be one of {INTEGRATORS}, but is {name}.")
+
+
+def noisy_euler_cromer(heat: float, rate: float, step: float, seed: int) -> mm.Integrator:
+    """The thesis's integrator with the noise of a thermostat in its kick, for numbers in internal units.
+
+    It widens a stiff well, by `1/(1 - r^2)` at r of the limit of stability.
+    """
+    integrator = mm.CustomIntegrator(step)
+    integrator.addGlobalVariable("noise", math.sqrt(2 * rate * step * of.units.BOLTZMANN * heat))
+    integrator.addUpdateContextState()
+    integrator.addComputePerDof("v", f"v+dt*(f/m-{rate!r}*v)+noise*gaussian/sqrt(m)")
+    integrator.addComputePerDof("x", "x+dt*v")
+    integrator.setRandomNumberSeed(seed)
+    return integrator
 
 
 def opened(model: of.Model, integrator: mm.Integrator, platform: str, precision: str) -> mm.Context:

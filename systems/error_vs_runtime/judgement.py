@@ -10,7 +10,8 @@ from scipy.stats import t as student
 from systems.error_vs_runtime.front import fitted, thermal_time_to
 from systems.error_vs_runtime.settings import Outcome, Study
 from systems.error_vs_runtime.sweeps import growth as growing
-from systems.error_vs_runtime.sweeps.growth import Growth, Row
+from systems.error_vs_runtime.sweeps.growth import Growth
+from systems.error_vs_runtime.sweeps.timing import CROWDED, WHOLE, Row
 from systems.scene import Check
 
 __all__ = [
@@ -196,8 +197,9 @@ def growth_checks(growth: Growth) -> list[Check]:
 
 def growth_findings(growth: Growth) -> list[str]:
     """In words."""
-    terms = {r.terms: r.ns_per_bead_step for r in growth.rows if r.kind == "term"}
-    whole = terms[growing.WHOLE]
+    terms = {r.terms: r.ns_per_bead_step for r in growth.rows if r.kind == "term" and r.platform == "Reference"}
+    crowded = {r.terms: r.ns_per_bead_step for r in growth.rows if r.kind == "term" and r.platform == "CPU"}
+    whole = terms[WHOLE]
     largest = growth.sizes("Reference")[-1]
     out = [
         "A bead and step on Reference, 1000 beads, take "
@@ -207,6 +209,11 @@ def growth_findings(growth: Growth) -> list[str]:
         f"{largest.beads:,} beads are built in {largest.build_seconds:.2g} s and take "
         f"{largest.ns_per_bead_step:.0f} ns a bead and step.",
     ]
+    if CROWDED in crowded:
+        out.append(
+            f"On the CPU platform with one thread they take {crowded[WHOLE]:.0f} ns, with contact "
+            f"{crowded[CROWDED]:.0f} ns."
+        )
     memory = [r for r in growth.rows if r.kind == "memory"]
     out += [f"{r.beads:,} beads take {r.bytes_per_bead:.0f} bytes each, model and Context." for r in memory[-1:]]
     reference = growth.sizes("Reference")

@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 from systems.pseudoknot.plan import Case, linked
 from systems.pseudoknot.runs import Result
 
-__all__ = ["FREE", "Row", "rows_of", "write_csv"]
+__all__ = ["FREE", "STEADY", "Row", "rows_of", "steadily", "write_csv"]
 
 Array = NDArray[np.float64]
 
 FREE = 0.15
 """Linking integral below which, and out of touch, a pair counts as free: it falls slowly with the distance."""
+
+STEADY = 0.1
+"""Time over which a force is averaged, over the period of the slowest swing: coils that slip ring at several times that of a
+segment, and single records of the force reach twice the mean. Twice the time changes the largest mean by a tenth."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Row:
     net_making, net_breaking : float
         The same less the work on an upper chain that is moved alone, against friction and inertia, J.
     holding : float
-        Largest force along the pull beyond that on a chain moved alone, N.
+        Largest force along the pull beyond that on a chain moved alone, as a mean over `STEADY` periods, N.
     """
 
     label: str
@@ -98,12 +102,19 @@ def rows_of(case: Case, slowness: float, result: Result, first: int = 0) -> list
                 float(made.work[-1, i] - made.work[-1, -1]),
                 float(broken.work[end, i]),
                 float(broken.work[end, i] - broken.work[end, -1]),
-                float(extra.max()),
+                steadily(extra, broken.times, task.lower.period()),
                 max(jumps),
                 float(min(phase.nearest[i] for phase in (made, kept, broken))),
             )
         )
     return out
+
+
+def steadily(force: Array, times: Array, period: float) -> float:
+    """The largest running mean of a force (K,) over `STEADY` periods; of all of it, where it is shorter than that."""
+    records = round(STEADY * period / (times[1] - times[0]))
+    window = min(max(records, 1), len(force))
+    return float(np.convolve(force, np.full(window, 1 / window), "valid").max())
 
 
 _UNITS = {

@@ -2,70 +2,27 @@
 
 from __future__ import annotations
 
-import gc
 import math
-import resource
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from statistics import median
 
 import numpy as np
-import openmm as mm
-from numpy.typing import NDArray
-from openmm import unit
 
-import openmm_filament as of
 from openmm_filament.executors import available_workers
 from openmm_filament.parallel import run_all
 from systems.error_vs_runtime.integrators import available
+from systems.error_vs_runtime.sweeps.timing import CROWDED, TERMS, WHOLE, Row, controlled, in_a_process, memory, timed
 
-__all__ = ["TERMS", "Growth", "Row", "crossover", "expected", "flatness", "grown"]
+__all__ = ["Growth", "crossover", "expected", "flatness", "grown"]
 
-Array = NDArray[np.float64]
-
-KJ = unit.kilojoule_per_mole
-TERMS: dict[str, tuple[str, ...]] = {
-    "stretching": ("stretching",),
-    "+ bending": ("stretching", "bending"),
-    "+ bending (arctangent)": ("stretching", "arctangent"),
-    "+ bending + torsion": ("stretching", "bending", "torsion"),
-}
-"""What chains are made of; the last is the whole."""
-
-WHOLE = "+ bending + torsion"
 FLAT_FROM = 100
 """Beads from which on the cost of a bead and step is to be flat."""
 FLAT = 0.15
 """Within what part of its median."""
-
-_SPEND = 0.08
-"""Seconds of one timing."""
-
 _LARGE = 30_000
 """Beads up to which a model is built anew for each of its turns."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One measurement: medians with the least and the largest of some repeats; NaN for what was not measured.
-
-    `kind` is "size", "term", "replicas", "processes" or "memory".
-    """
-
-    kind: str
-    beads: int
-    platform: str
-    terms: str
-    workers: int
-    replicas: int
-    ns_per_bead_step: float
-    least: float
-    most: float
-    build_seconds: float = math.nan
-    bytes_per_bead: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,77 +36,6 @@ class Growth:
         return [r for r in self.rows if r.kind == "size" and r.platform == platform]
 
 
-def _model(beads: int, terms: str, replicas: int = 1) -> of.Model:
-    """Helices: every term has something to do."""
-    rest = of.shapes.helix(beads - 1, radius=2 * unit.nanometer, pitch=3 * unit.nanometer, turns=(beads - 1) / 12)
-    every = {
-        "stretching": of.stretching.Harmonic(200 * KJ / unit.nanometer**2),
-        "bending": of.bending.Harmonic(20 * KJ),
-        "arctangent": of.bending.Harmonic(20 * KJ, form="arctangent"),
-        "torsion": of.torsion.Harmonic(4 * KJ),
-    }
-    filament = of.Filament(rest, 10 * unit.dalton, tuple(every[name] for name in TERMS[terms]))
-    return of.build([filament] * replicas if replicas > 1 else filament)
-
-
-def _resident() -> float:
-    """Resident memory of this process in bytes; NaN where the operating system does not say."""
-    status = Path("/proc/self/statm")
-    return float(status.read_text().split()[1]) * resource.getpagesize() if status.exists() else math.nan
-
-
-def timed(
-    beads: int, terms: str, platform: str, repeats: int, *, threads: int = 1, replicas: int = 1, kind: str
-) -> Row:
-    """Build a chain, run it by Verlet at a tenth of its limit, and time it."""
-    begun = time.perf_counter()
-    model = _model(beads, terms, replicas)
-    integrator = mm.VerletIntegrator(1e-4)
-    properties = {"CPU": {"Threads": str(threads)}, "OpenCL": {"Precision": "mixed"}}.get(platform, {})
-    context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName(platform), properties)
-    context.setPositions(model.positions)
-    built = time.perf_counter() - begun
-    _spend(context, 1)
-    steps, spent = 1, _spend(context, 1)
-    while spent < _SPEND / 4:
-        steps *= 4
-        spent = _spend(context, steps)
-    steps = max(1, round(steps * _SPEND / spent))
-    times = sorted(1e9 * _spend(context, steps) / steps / (beads * replicas) for _ in range(repeats))
-    return Row(kind, beads, platform, terms, threads, replicas, median(times), times[0], times[-1], built)
-
-
-def _spend(context: mm.Context, steps: int) -> float:
-    begun = time.perf_counter()
-    context.getIntegrator().step(steps)
-    context.getState(positions=True)  # waits for the kernels of OpenCL
-    return time.perf_counter() - begun
-
-
-def _process(task: tuple[int, int, int]) -> float:
-    """Nanoseconds of a bead and step in a process of its own, of so many replicas."""
-    beads, replicas, repeats = task
-    return timed(beads, "+ bending", "Reference", repeats, replicas=replicas, kind="processes").ns_per_bead_step
-
-
-def _memory(beads: int) -> float:
-    """Bytes a bead that a model of the whole chain and its Context add to a process that has just begun."""
-    warm = _opened(10)  # what is loaded once is no matter of beads
-    gc.collect()
-    before = _resident()
-    kept = _opened(beads)
-    added = _resident() - before
-    del warm, kept
-    return added / beads
-
-
-def _opened(beads: int) -> tuple[of.Model, mm.Context]:
-    model = _model(beads, WHOLE)
-    context = mm.Context(model.system, mm.VerletIntegrator(1e-4), mm.Platform.getPlatformByName("Reference"))
-    context.setPositions(model.positions)
-    return model, context
-
-
 def expected(*, quick: bool) -> float:
     """Seconds that all measurements are expected to take."""
     return 20.0 if quick else 180.0
@@ -157,15 +43,16 @@ def expected(*, quick: bool) -> float:
 
 @dataclass(frozen=True)
 class _Job:
-    """What makes so many timings of one thing; `once` where it takes long to begin, with all of its timings."""
+    """What makes so many timings of one thing: some in each turn, or all of them `once` where it takes long to begin."""
 
     take: Callable[[int], Row]
-    once: bool
+    once: bool = False
+    timings: int = 1
 
 
 def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
     """All that is timed."""
-    cores = available_workers(None)
+    cores, control = available_workers(None), controlled()
     jobs: list[_Job] = []
     for platform in available():
         some = sizes
@@ -173,16 +60,22 @@ def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
             some = [1000, 10_000] if platform == "CPU" else [10_000]
         elif platform == "OpenCL":
             some = [100, 1000, 10_000, 100_000]
+        beside = control if platform == "Reference" else None
         for threads in {1, cores} if platform == "CPU" else {1}:
             jobs += [
-                _Job(partial(timed, beads, WHOLE, platform, threads=threads, kind="size"), beads > _LARGE)
+                _Job(
+                    partial(timed, beads, WHOLE, platform, threads=threads, kind="size", control=beside),
+                    beads > _LARGE,
+                    3 if beside and not quick else 1,
+                )
                 for beads in some
             ]
-    jobs += [_Job(partial(timed, 1000, name, "Reference", kind="term"), False) for name in TERMS]
-    jobs += [
-        _Job(partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas"), False) for n in (1, 4, 16, 64)
-    ]
-    return jobs + [_Job(partial(_processes, workers), False) for workers in sorted({1, cores})]
+    made_of = [(name, "Reference") for name in TERMS if name != CROWDED]
+    if "CPU" in available():
+        made_of += [(WHOLE, "CPU"), (CROWDED, "CPU")]
+    jobs += [_Job(partial(timed, 1000, name, platform, kind="term")) for name, platform in made_of]
+    jobs += [_Job(partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas")) for n in (1, 4, 16, 64)]
+    return jobs + [_Job(partial(_processes, workers)) for workers in sorted({1, cores})]
 
 
 def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
@@ -194,15 +87,13 @@ def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
     turns += [i for i, job in enumerate(jobs) if job.once]
     found: list[list[Row]] = [[] for _ in jobs]
     for done, i in enumerate(turns):
-        found[i].append(jobs[i].take(rounds if jobs[i].once else 1))
+        found[i].append(jobs[i].take(rounds if jobs[i].once else jobs[i].timings))
         progress(done / (len(turns) + 1))
     rows = [_together(each) for each in found]
-    (memory,) = run_all(_memory, [sizes[-1]], 1, None)
-    if memory is not None:
+    (added,) = run_all(memory, [sizes[-1]], 1, None)
+    if added is not None:
         nothing = math.nan
-        rows.append(
-            Row("memory", sizes[-1], "Reference", WHOLE, 1, 1, nothing, nothing, nothing, bytes_per_bead=memory)
-        )
+        rows.append(Row("memory", sizes[-1], "Reference", WHOLE, 1, 1, nothing, nothing, nothing, bytes_per_bead=added))
     progress(1.0)
     return Growth(rows)
 
@@ -210,7 +101,7 @@ def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
 def _processes(workers: int, repeats: int) -> Row:
     """So many processes at once, each with 16 replicas of 20 beads: they do so many times the work."""
     lasting = 12 * repeats  # a second or more, beside which it matters little that one begins before the other
-    finished = run_all(_process, [(20, 16, lasting)] * workers, workers, None)
+    finished = run_all(in_a_process, [(20, 16, lasting)] * workers, workers, None)
     each = [value / workers for value in finished if value is not None]
     return Row("processes", 20, "Reference", "+ bending", workers, 16, median(each), min(each), max(each))
 
@@ -223,15 +114,16 @@ def _together(turns: list[Row]) -> Row:
         least=min(row.least for row in turns),
         most=max(row.most for row in turns),
         build_seconds=median(row.build_seconds for row in turns),
+        over_control=median(row.over_control for row in turns),
     )
 
 
 def flatness(rows: list[Row]) -> float:
     """The largest deviation of the cost of a bead and step from its median over the sizes from 100 beads, as a part of it.
 
-    Of the shortest run of each size: what else the machine does only adds to it.
+    Of costs over that of the control, which what else the machine does changes with them.
     """
-    costs = np.array([r.least for r in rows if r.beads >= FLAT_FROM])
+    costs = np.array([r.over_control for r in rows if r.beads >= FLAT_FROM])
     return float(np.abs(costs / np.median(costs) - 1).max())
 
 

@@ -13,7 +13,6 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
-import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 
@@ -27,7 +26,7 @@ from openmm_filament.rods import Match
 from openmm_filament.starts import equilibrium_starts
 from openmm_filament.timestep import slow_frequency
 from systems.dna_force_extension import curve as dna
-from systems.error_vs_runtime.integrators import available, opened
+from systems.error_vs_runtime.integrators import available, noisy_euler_cromer, opened
 from systems.error_vs_runtime.settings import Order, Result, Setting, Study
 from systems.helix_force_extension import thermal as helix
 from systems.planar_force_extension import hot, warm
@@ -60,7 +59,8 @@ def run(
     rate = FRICTION * slow_frequency(model, heat)
     limit = of.stable_timestep(model) / unit.picosecond / model.scale.factor("time")
     step = setting.step * float(limit)
-    integrator = _integrator(setting.integrator, model, heat, rate, step, 1 + seed % (2**31 - 2))
+    made = noisy_euler_cromer if setting.integrator == THESIS else partial(internal_langevin, model)
+    integrator = made(heat, rate, step, 1 + seed % (2**31 - 2))
     context = opened(model, integrator, setting.platform, setting.precision)
     starts = equilibrium_starts(filament, force, kelvin, replicas, np.random.default_rng(seed))
     context.setPositions(starts.reshape(-1, 3) / model.scale.length)
@@ -79,22 +79,7 @@ def run(
 
 
 THESIS = "Euler-Cromer"
-"""The thesis's integrator with the noise of a thermostat in its kick, which widens a stiff well: by `1/(1 - r^2)` at r of the
-limit."""
-
-
-def _integrator(name: str, model: of.Model, heat: float, rate: float, step: float, seed: int) -> mm.Integrator:
-    """LangevinMiddle or the other one, for numbers in internal units."""
-    if name != THESIS:
-        return internal_langevin(model, heat, rate, step, seed)
-    integrator = mm.CustomIntegrator(step)
-    integrator.addGlobalVariable("noise", math.sqrt(2 * rate * step * of.units.BOLTZMANN * heat))
-    integrator.addUpdateContextState()
-    integrator.addComputePerDof("v", f"v+dt*(f/m-{rate!r}*v)+noise*gaussian/sqrt(m)")
-    integrator.addComputePerDof("x", "x+dt*v")
-    integrator.setRandomNumberSeed(seed)
-    return integrator
-
+"""With the noise of a thermostat."""
 
 KNOWN_FROM = 16
 """Segments from which on the bias of a time step is known (`discretisation`): with 12 it is 1.4 times what the law says."""
