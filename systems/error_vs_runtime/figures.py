@@ -12,8 +12,8 @@ import numpy as np
 from systems.error_vs_runtime.front import fitted, pareto
 from systems.error_vs_runtime.judgement import recommended
 from systems.error_vs_runtime.settings import Outcome, Study
-from systems.error_vs_runtime.sweeps.growth import Growth
-from systems.error_vs_runtime.sweeps.timing import WHOLE
+from systems.error_vs_runtime.sweeps.growth import FLAT, FLAT_FROM, Growth
+from systems.error_vs_runtime.sweeps.timing import CONTROL, WHOLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -182,6 +182,9 @@ def _residuals(ax: Axes, study: Study) -> None:
     ax.legend(fontsize=7)
 
 
+_OVER = f"cost of a bead and step over that of {CONTROL}\nbeads on Reference, run in turn with it"
+
+
 def draw_growth(path: Path, growth: Growth) -> None:
     """Cost by size and platform, by term, build time and memory, replicas and processes."""
     from matplotlib.figure import Figure
@@ -190,17 +193,15 @@ def draw_growth(path: Path, growth: Growth) -> None:
     (size, term), (build, wide) = figure.subplots(2, 2)
     _sizes(size, growth)
     costs = [r for r in growth.rows if r.kind == "term"]
-    bars = [r.ns_per_bead_step for r in costs]
-    low = [[r.ns_per_bead_step - r.least for r in costs], [r.most - r.ns_per_bead_step for r in costs]]
     names = [r.terms + ("" if r.platform == "Reference" else f", {r.platform}") for r in costs]
-    term.barh(
-        names, bars, xerr=low, color=["C0" if r.platform == "Reference" else "C1" for r in costs], alpha=0.8, capsize=3
-    )
-    for i, value in enumerate(bars):
-        term.annotate(f"{value:.0f} ns", (value, i), textcoords="offset points", xytext=(6, 8), fontsize=9)
+    bars = [r.over_control for r in costs]
+    term.barh(names, bars, color=["C0" if r.platform == "Reference" else "C1" for r in costs], alpha=0.8)
+    for i, row in enumerate(costs):
+        text = f"{row.over_control:.2f} ({row.ns_per_bead_step:.0f} ns)"
+        term.annotate(text, (row.over_control, i), textcoords="offset points", xytext=(4, -3), fontsize=9)
     term.invert_yaxis()
-    term.set(xlabel="ns per bead and step", title="What a term costs (1000 beads; Reference, and CPU with one thread)")
-    term.margins(x=0.18)
+    term.set(xlabel=_OVER, title="What a term costs, 1000 beads")
+    term.margins(x=0.35)
     rows = growth.sizes("Reference")
     build.plot(
         [r.beads for r in rows], [r.build_seconds for r in rows], "o-", color="C0", label="filament, model, Context"
@@ -222,17 +223,15 @@ def _sizes(ax: Axes, growth: Growth) -> None:
     )
     for i, (platform, threads) in enumerate(kinds):
         rows = [r for r in growth.sizes(platform) if r.workers == threads]
-        beads, cost = np.array([r.beads for r in rows]), np.array([r.ns_per_bead_step for r in rows])
-        spread = [cost - [r.least for r in rows], np.array([r.most for r in rows]) - cost]
+        beads, cost = [r.beads for r in rows], [r.over_control for r in rows]
         name = f"{platform}, {threads} thread{'s' if threads > 1 else ''}" if platform == "CPU" else platform
-        ax.errorbar(beads, cost, yerr=spread, fmt=_MARKERS[i] + "-", color=f"C{i}", ms=5, lw=1, capsize=2, label=name)
-    rows = [r for r in growth.sizes("Reference") if r.beads >= 100]
-    middle = float(np.median([r.ns_per_bead_step for r in rows]))
-    ax.fill_between([100, rows[-1].beads], 0.85 * middle, 1.15 * middle, color="C0", alpha=0.15, label="± 15 %")
-    ax.set(
-        xscale="log", yscale="log", xlabel="beads", ylabel="ns per bead and step",
-        title=f"Cost by size (stretching {WHOLE})",
-    )  # fmt: skip
+        ax.plot(beads, cost, _MARKERS[i] + "-", color=f"C{i}", ms=5, lw=1, label=name)
+    rows = [r for r in growth.sizes("Reference") if r.beads >= FLAT_FROM]
+    middle = float(np.median([r.over_control for r in rows]))
+    low, high = (1 - FLAT) * middle, (1 + FLAT) * middle
+    ax.fill_between([FLAT_FROM, rows[-1].beads], low, high, color="C0", alpha=0.15, label=f"± {100 * FLAT:.0f} %")
+    ax.set(xscale="log", yscale="log", xlabel="beads", ylabel=_OVER, title=f"Cost by size (stretching {WHOLE})")
+    _ticks(ax)
     ax.grid(alpha=0.25)
     ax.legend(fontsize=8)
 
@@ -250,4 +249,4 @@ def _wide(ax: Axes, growth: Growth) -> None:
         ax.annotate(f"{v:.1f}", (v, i), textcoords="offset points", xytext=(4, -3), fontsize=9)
     ax.invert_yaxis()
     ax.margins(x=0.12)
-    ax.set(xlabel="million bead-steps a second", title="Replicas of 20 beads (stretching + bending, Reference)")
+    ax.set(xlabel="million bead-steps a second", title="Replicas of 20 beads (stretching + bending)")

@@ -197,22 +197,22 @@ def growth_checks(growth: Growth) -> list[Check]:
 
 def growth_findings(growth: Growth) -> list[str]:
     """In words."""
-    terms = {r.terms: r.ns_per_bead_step for r in growth.rows if r.kind == "term" and r.platform == "Reference"}
-    crowded = {r.terms: r.ns_per_bead_step for r in growth.rows if r.kind == "term" and r.platform == "CPU"}
-    whole = terms[WHOLE]
+    terms = {r.terms: r for r in growth.rows if r.kind == "term" and r.platform == "Reference"}
+    crowded = {r.terms: r for r in growth.rows if r.kind == "term" and r.platform == "CPU"}
+    whole = terms[WHOLE].over_control
     largest = growth.sizes("Reference")[-1]
     out = [
         "A bead and step on Reference, 1000 beads, take "
-        + ", ".join(f"{ns:.0f} ns with {name}" for name, ns in terms.items())
-        + f": leaving out torsion saves {100 * (1 - terms['+ bending'] / whole):.0f} %, bending as well "
-        f"{100 * (1 - terms['stretching'] / whole):.0f} %.",
+        + ", ".join(f"{r.ns_per_bead_step:.0f} ns with {name}" for name, r in terms.items())
+        + f": leaving out torsion saves {100 * (1 - terms['+ bending'].over_control / whole):.0f} %, bending as well "
+        f"{100 * (1 - terms['stretching'].over_control / whole):.0f} %.",
         f"{largest.beads:,} beads are built in {largest.build_seconds:.2g} s and take "
         f"{largest.ns_per_bead_step:.0f} ns a bead and step.",
     ]
     if CROWDED in crowded:
         out.append(
-            f"On the CPU platform with one thread they take {crowded[WHOLE]:.0f} ns, with contact "
-            f"{crowded[CROWDED]:.0f} ns."
+            f"On the CPU platform with one thread they take {crowded[WHOLE].ns_per_bead_step:.0f} ns, and contact adds "
+            f"{100 * (crowded[CROWDED].over_control / crowded[WHOLE].over_control - 1):.0f} %."
         )
     memory = [r for r in growth.rows if r.kind == "memory"]
     out += [f"{r.beads:,} beads take {r.bytes_per_bead:.0f} bytes each, model and Context." for r in memory[-1:]]

@@ -15,7 +15,7 @@ from openmm_filament.parallel import run_all
 from systems.error_vs_runtime.integrators import available
 from systems.error_vs_runtime.sweeps.timing import CROWDED, TERMS, WHOLE, Row, controlled, in_a_process, memory, timed
 
-__all__ = ["Growth", "crossover", "expected", "flatness", "grown"]
+__all__ = ["FLAT", "FLAT_FROM", "Growth", "crossover", "expected", "flatness", "grown"]
 
 FLAT_FROM = 100
 """Beads from which on the cost of a bead and step is to be flat."""
@@ -60,20 +60,20 @@ def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
             some = [1000, 10_000] if platform == "CPU" else [10_000]
         elif platform == "OpenCL":
             some = [100, 1000, 10_000, 100_000]
-        beside = control if platform == "Reference" else None
+        several = 3 if platform == "Reference" and not quick else 1
         for threads in {1, cores} if platform == "CPU" else {1}:
             jobs += [
                 _Job(
-                    partial(timed, beads, WHOLE, platform, threads=threads, kind="size", control=beside),
+                    partial(timed, beads, WHOLE, platform, threads=threads, kind="size", control=control),
                     beads > _LARGE,
-                    3 if beside and not quick else 1,
+                    several,
                 )
                 for beads in some
             ]
     made_of = [(name, "Reference") for name in TERMS if name != CROWDED]
     if "CPU" in available():
         made_of += [(WHOLE, "CPU"), (CROWDED, "CPU")]
-    jobs += [_Job(partial(timed, 1000, name, platform, kind="term")) for name, platform in made_of]
+    jobs += [_Job(partial(timed, 1000, name, platform, kind="term", control=control)) for name, platform in made_of]
     jobs += [_Job(partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas")) for n in (1, 4, 16, 64)]
     return jobs + [_Job(partial(_processes, workers)) for workers in sorted({1, cores})]
 
@@ -87,7 +87,7 @@ def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
     turns += [i for i, job in enumerate(jobs) if job.once]
     found: list[list[Row]] = [[] for _ in jobs]
     for done, i in enumerate(turns):
-        found[i].append(jobs[i].take(rounds if jobs[i].once else jobs[i].timings))
+        found[i].append(jobs[i].take(jobs[i].timings * (rounds if jobs[i].once else 1)))
         progress(done / (len(turns) + 1))
     rows = [_together(each) for each in found]
     (added,) = run_all(memory, [sizes[-1]], 1, None)
@@ -129,14 +129,9 @@ def flatness(rows: list[Row]) -> float:
 
 def crossover(slow: list[Row], fast: list[Row]) -> float:
     """The number of beads from which on the second platform is faster, straight on logarithmic axes; NaN if it never is."""
-    common = sorted({r.beads for r in slow} & {r.beads for r in fast})
-    ratio = [
-        math.log(
-            next(r.ns_per_bead_step for r in fast if r.beads == n)
-            / next(r.ns_per_bead_step for r in slow if r.beads == n)
-        )
-        for n in common
-    ]
+    cost = [{r.beads: r.over_control for r in rows} for rows in (slow, fast)]
+    common = sorted(cost[0].keys() & cost[1].keys())
+    ratio = [math.log(cost[1][n] / cost[0][n]) for n in common]
     if not common or ratio[-1] >= 0:
         return math.nan
     last = max((i for i, value in enumerate(ratio) if value >= 0), default=-1)
