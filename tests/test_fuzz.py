@@ -210,6 +210,6 @@ def test_random_scenes_are_right_or_refused_or_stopped(scene: Scene) -> None:
 
 @pytest.mark.slow
 @given(scenes())
-@settings(max_examples=500 if os.environ.get("OPENMM_FILAMENT_SHORT") else 10_000)
+@settings(max_examples=300 if os.environ.get("OPENMM_FILAMENT_SHORT") else 10_000)
 def test_ten_thousand_random_scenes_are_right_or_refused_or_stopped(scene: Scene) -> None:
     event(check(scene))

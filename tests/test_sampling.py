@@ -127,8 +127,8 @@ def test_a_straight_rest_shape_with_bent_joints_is_sampled_too(in_process: None)
 
 @pytest.mark.slow
 def test_curves_are_exact_to_a_per_cent() -> None:
-    """In about six minutes; to three per cent, in a tenth of that, where OPENMM_FILAMENT_SHORT is set."""
-    error = 0.03 if os.environ.get("OPENMM_FILAMENT_SHORT") else 0.012
+    """In about six minutes; to five per cent, in a small part of that, where OPENMM_FILAMENT_SHORT is set."""
+    error = 0.05 if os.environ.get("OPENMM_FILAMENT_SHORT") else 0.012
     z = np.concatenate([deviations(error, seed=seed) for seed in (1, 2)])
     assert np.abs(z).max() <= tol.SIGMAS
     assert chi2.sf((z**2).sum(), len(z)) > tol.CHI_SQUARED
