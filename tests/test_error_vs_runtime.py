@@ -228,6 +228,17 @@ def test_growth_is_flat_or_not_and_platforms_cross() -> None:
     assert "On the CPU platform with one thread they take 300 ns, and contact adds 17 %." in said
 
 
+def test_growth_passes_over_platforms_that_do_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(growth, "available", lambda: ["Reference", "missing"])
+    assert growth._working() == ["Reference"]
+
+
+def test_ctrl_c_while_processes_are_timed_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(growth, "run_all", lambda function, tasks, workers, progress: [100.0, None])
+    with pytest.raises(KeyboardInterrupt):
+        growth._processes(2, 1)
+
+
 def test_a_chain_is_timed_beside_its_control() -> None:
     made = timing.timed(30, "+ bending", "Reference", 3, kind="size")
     assert made.least <= made.ns_per_bead_step <= made.most

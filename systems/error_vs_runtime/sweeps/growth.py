@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
 
 import numpy as np
+import openmm as mm
 
 from openmm_filament.executors import available_workers
 from openmm_filament.parallel import run_all
@@ -52,9 +54,9 @@ class _Job:
 
 def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
     """All that is timed."""
-    cores, control = available_workers(None), controlled()
+    cores, control, platforms = available_workers(None), controlled(), _working()
     jobs: list[_Job] = []
-    for platform in available():
+    for platform in platforms:
         some = sizes
         if platform != "Reference" and quick:
             some = [1000, 10_000] if platform == "CPU" else [10_000]
@@ -71,11 +73,21 @@ def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
                 for beads in some
             ]
     made_of = [(name, "Reference") for name in TERMS if name != CROWDED]
-    if "CPU" in available():
+    if "CPU" in platforms:
         made_of += [(WHOLE, "CPU"), (CROWDED, "CPU")]
     jobs += [_Job(partial(timed, 1000, name, platform, kind="term", control=control)) for name, platform in made_of]
     jobs += [_Job(partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas")) for n in (1, 4, 16, 64)]
     return jobs + [_Job(partial(_processes, workers)) for workers in sorted({1, cores})]
+
+
+def _working() -> list[str]:
+    """The platforms that run a chain: one may be there, but no device for it."""
+    found = []
+    for platform in available():
+        with suppress(mm.OpenMMException):
+            timed(10, "stretching", platform, 1, kind="size")
+            found.append(platform)
+    return found
 
 
 def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
@@ -99,10 +111,15 @@ def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
 
 
 def _processes(workers: int, repeats: int) -> Row:
-    """So many processes at once, each with 16 replicas of 20 beads: they do so many times the work."""
+    """So many processes at once, each with 16 replicas of 20 beads: they do so many times the work.
+
+    Raises KeyboardInterrupt where Ctrl-C came first.
+    """
     lasting = 12 * repeats  # a second or more, beside which it matters little that one begins before the other
     finished = run_all(in_a_process, [(20, 16, lasting)] * workers, workers, None)
     each = [value / workers for value in finished if value is not None]
+    if len(each) < workers:
+        raise KeyboardInterrupt
     return Row("processes", 20, "Reference", "+ bending", workers, 16, median(each), min(each), max(each))
 
 
