@@ -100,17 +100,18 @@ def summary(path: Path, table: list[Setting], found: Outcome) -> None:
     """Works against speed with their slow limits, and the settings without a number side by side."""
     drawing = _figure(11.0, 5.2)
     left, right = drawing.subplots(1, 2, width_ratios=(1, 1.25))
+    making, breaking = found.net_making, found.net_breaking
     said = f"{found.ratio[0]:.0f} $\\pm$ {found.ratio[1]:.0f}"
-    if not found.making.resolved:
-        low = least(found.making, found.breaking)
+    if not making.resolved:
+        low = least(making, breaking)
         said = "not told" if np.isnan(low) else f"at least {low:.0f} (two standard errors)"
-    for works, colour, name in ((found.making, _MAKE, "making"), (found.breaking, _BREAK, "breaking")):
+    for works, colour, name in ((making, _MAKE, "making"), (breaking, _BREAK, "breaking")):
         _limit(left, works, colour, name)
     left.set(
         yscale="log",
         ylim=(2e-4, 8),
         xlabel="speed of the hand (m/s)",
-        ylabel="work of the hand over E I/R",
+        ylabel="work beyond that on a coil moved alone, over E I/R",
         title=f"slow limits: ratio {said}",
     )
     left.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)
