@@ -132,7 +132,7 @@ def findings(studies: Sequence[Study]) -> list[str]:
             )
             other = f"{best.setting.label} in {_cost(study, best):.2g} s with {_reached(study, best):.2g}"
             if default is best:
-                out.append(f"{head}, and nothing that was tried is cheaper.")
+                out.append(f"{head}, and nothing that may be recommended is cheaper.")
             else:
                 within = (
                     "no more than the spread of the runs" if ratio <= band else "and the default is not recommended"
@@ -225,6 +225,9 @@ def growth_findings(growth: Growth) -> list[str]:
             said = f"faster than Reference from {at:.2g} beads up"
             if not math.isfinite(at):
                 said = f"not faster than Reference at {rows[-1].beads:,} beads, the most that it was run with"
+                cost = {r.beads: r.over_control for r in reference}
+                between = [f"{r.beads:,}" for r in rows if r.over_control < cost.get(r.beads, 0.0)]
+                said += f", but is at {' and '.join(between)}" if between else ""
             out.append(f"{name} is {said}.")
     return [*out, *_replicas(growth.rows)]
 
