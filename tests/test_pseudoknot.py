@@ -211,6 +211,23 @@ def test_a_holding_force_is_that_without_ringing() -> None:
     assert rows.steadily(np.array([1.0, 2.0]), times[:2], 1.0) == 1.5
 
 
+def test_a_chain_that_flies_off_to_nan_is_one_that_comes_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    task = plan.task(plan.cases(quick=True)[0], 0.8, (Pose(),), 1)
+    look = hands.World.look
+
+    def flown(world: hands.World) -> Any:
+        x = world.context.getState(positions=True).getPositions(asNumpy=True)._value
+        world.context.setVelocities(np.full(x.shape, np.nan))
+        return look(world)
+
+    monkeypatch.setattr(hands.World, "look", flown)
+    with pytest.raises(RuntimeError, match="comes apart with 0.5 of the stable time step"):
+        runs.made(task, 0.5)
+    assert runs.attempt((task,)) == [
+        "two helices: A chain of 'two helices' comes apart with 0.1 of the stable time step."
+    ]
+
+
 # Judgement ------------------------------------------------------------------------------------------------------------
 
 
