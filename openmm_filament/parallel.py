@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
@@ -31,9 +31,9 @@ def run_all(
 ) -> list[R | None]:
     """The result of `function`, an importable one, of each task; None where Ctrl-C came first.
 
-    Tasks that are under way at Ctrl-C have PATIENCE seconds to end. `progress` is called with the fraction done as tasks end, by
-    `costs` where these are given, else by number. With an `executor`, as `force_extension` takes it, the tasks run there
-    and not in `workers` processes; it is left open. Raises what a task raises.
+    Tasks that are under way at Ctrl-C have PATIENCE seconds to end, or until it is pressed again. `progress` is called with
+    the fraction done as tasks end, by `costs` where these are given, else by number. With an `executor`, as
+    `force_extension` takes it, the tasks run there and not in `workers` processes; it is left open. Raises what a task raises.
     """
     weights = [1.0] * len(tasks) if costs is None else list(costs)
     if executor is not None:
@@ -74,7 +74,8 @@ def _give_up(pool: Executor, pending: Iterable[Future[R]], others: list[BaseProc
         future.cancel()
     if others is None:
         return
-    wait([future for future in pending if not future.cancelled()], timeout=PATIENCE)
+    with suppress(KeyboardInterrupt):
+        wait([future for future in pending if not future.cancelled()], timeout=PATIENCE)
     for worker in multiprocessing.active_children():
         if worker not in others:
             worker.terminate()

@@ -213,19 +213,32 @@ def test_growth_is_flat_or_not_and_platforms_cross() -> None:
     assert growth.flatness([row(10, 500), row(100, 100), row(1000, 110), row(10_000, 90)]) == pytest.approx(0.1)
     slow = [row(n, 100.0) for n in (10, 100, 1000)]
     fast = [row(n, 10_000 / n, "CPU") for n in (10, 100, 1000)]
-    assert growth.crossover(slow, fast) == pytest.approx(100.0)
+    assert growth.crossover(slow, fast) == pytest.approx(100.0 / growth.CLEAR)
     assert math.isnan(growth.crossover(slow, [row(n, 200.0) for n in (10, 100, 1000)]))
     assert growth.crossover(slow, [row(n, 50.0) for n in (10, 100, 1000)]) == 10
     other = [row(n, ns, "OpenCL") for n, ns in ((100, 200.0), (1000, 50.0), (10_000, 200.0))]
     terms = [replace(row(1000, 100.0), kind="term", terms=name) for name in timing.TERMS]
     said = judgement.growth_findings(growth.Growth([*slow, row(10_000, 100.0), *other, *terms]))
-    assert "OpenCL is not faster than Reference at 10,000 beads, the most that it was run with." in said
+    assert (
+        "OpenCL is not faster than Reference at 10,000 beads, the most that it was run with, but is at 1,000." in said
+    )
     crowded = [
         replace(row(1000, ns, "CPU"), kind="term", terms=t)
         for t, ns in ((timing.WHOLE, 300.0), (timing.CROWDED, 350.0))
     ]
     said = judgement.growth_findings(growth.Growth([*slow, *terms, *crowded]))
-    assert "On the CPU platform with one thread they take 300 ns, and contact adds 17 %." in said
+    assert "On the CPU platform with one thread 1000 beads take 3.00 of the time, and contact adds 17 % there." in said
+
+
+def test_growth_passes_over_platforms_that_do_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(growth, "available", lambda: ["Reference", "missing"])
+    assert growth._working() == ["Reference"]
+
+
+def test_ctrl_c_while_processes_are_timed_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(growth, "run_all", lambda function, tasks, workers, progress: [100.0, None])
+    with pytest.raises(KeyboardInterrupt):
+        growth._processes(2, 1)
 
 
 def test_a_chain_is_timed_beside_its_control() -> None:

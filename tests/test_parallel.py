@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import signal
+import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
@@ -53,4 +55,17 @@ def test_ctrl_c_ends_what_takes_too_long_and_keeps_what_is_done(monkeypatch: pyt
     begun = time.monotonic()
     assert run_all(asleep, [0.0, 0.3, 600.0, 600.0], 1, stop) == [0.0, 0.3, None, None]
     assert time.monotonic() - begun < 60
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="needs POSIX signals")
+def test_a_second_ctrl_c_ends_the_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(fraction: float) -> None:
+        threading.Timer(0.5, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT)).start()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(parallel, "PATIENCE", 60.0)
+    begun = time.monotonic()
+    assert run_all(asleep, [0.0, 600.0], 1, stop) == [0.0, None]
+    assert time.monotonic() - begun < 30
     assert not multiprocessing.active_children()

@@ -211,6 +211,23 @@ def test_a_holding_force_is_that_without_ringing() -> None:
     assert rows.steadily(np.array([1.0, 2.0]), times[:2], 1.0) == 1.5
 
 
+def test_a_chain_that_flies_off_to_nan_is_one_that_comes_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    task = plan.task(plan.cases(quick=True)[0], 0.8, (Pose(),), 1)
+    look = hands.World.look
+
+    def flown(world: hands.World) -> Any:
+        x = world.context.getState(positions=True).getPositions(asNumpy=True)._value
+        world.context.setVelocities(np.full(x.shape, np.nan))
+        return look(world)
+
+    monkeypatch.setattr(hands.World, "look", flown)
+    with pytest.raises(RuntimeError, match="comes apart with 0.5 of the stable time step"):
+        runs.made(task, 0.5)
+    assert runs.attempt((task,)) == [
+        "two helices: A chain of 'two helices' comes apart with 0.1 of the stable time step."
+    ]
+
+
 # Judgement ------------------------------------------------------------------------------------------------------------
 
 
@@ -259,7 +276,6 @@ def test_the_ratio_and_its_claim() -> None:
     found = judgement.outcome(ensemble(making.tolist(), 1e-6))
     assert found.ratio[0] == pytest.approx(100)
     assert found.ratio[1] == pytest.approx(100 * making.std() / 1e-6 / 4, rel=0.1)
-    assert found.net_ratio[0] == pytest.approx(100)
 
 
 def test_a_table_counts_what_formed_and_averages_over_it() -> None:
@@ -361,17 +377,32 @@ def test_all_that_is_varied_has_a_panel_in_the_figure() -> None:
     assert {case.group for case in plan.cases(quick=False) if not math.isnan(case.value)} == set(figures._NAMES)
 
 
+def test_friction_that_bends_a_slow_limit_is_no_part_of_the_ratio() -> None:
+    bent = [replace(r, work_making=r.net_making + 1e-7 * r.making_speed**1.5) for r in ensemble([1e-6, 1.1e-6], 0.0)]
+    found = judgement.outcome(bent)
+    assert found.making.mean < 0.9 * found.net_making.mean
+    assert judgement._thesis(found).value == pytest.approx(found.net_breaking.mean / 1.05e-6)
+    off = 1e6 * (found.making.mean - 1.05e-6)
+    assert f"comes out as {off:.3g} uJ" in findings._whole(found)
+
+
+@pytest.mark.parametrize("making", [[1e-6, 1e-6], [-1e-6, 3e-6]])
+def test_a_work_of_breaking_below_zero_is_no_ratio(making: list[float]) -> None:
+    pulled = [replace(r, net_breaking=-1e-6 * (1 + r.start)) for r in ensemble(making, 0.0)]
+    assert not judgement._thesis(judgement.outcome(pulled)).passed
+
+
 def test_of_a_work_that_is_not_resolved_the_ratio_has_a_bound(tmp_path: Path) -> None:
     slowest = judgement.settings([row()], [plan.Case("two helices", "main", slowness=(1.0,))])[-1]
     found = judgement.outcome(ensemble([-1e-6, 3e-6], 1e-6))  # 1 +- 2 uJ; breaking is the slow limit of 100 uJ
     bound = found.breaking.mean / 5e-6
-    for text in (findings._ratio(found, slowest), findings._net(found)):
-        assert f"at least {bound:.0f} " in text
-        assert "times as much" not in text
+    text = findings._ratio(found, slowest)
+    assert f"at least {bound:.0f} " in text
+    assert "times as much" not in text
     check = judgement._thesis(found)
     assert check.value == pytest.approx(bound)
     assert check.passed == (bound < 200)
-    assert "100 +- 0 times as much" in findings._net(judgement.outcome(ensemble([1e-6, 1e-6], 1e-6)))
+    assert "100 +- 0 times as much" in findings._ratio(judgement.outcome(ensemble([1e-6, 1e-6], 1e-6)), slowest)
     below = judgement.outcome(ensemble([-5e-6, -6e-6], 1e-6))
     assert "tell no ratio" in findings._ratio(below, slowest)
     assert not judgement._thesis(below).passed

@@ -132,12 +132,17 @@ def findings(studies: Sequence[Study]) -> list[str]:
             )
             other = f"{best.setting.label} in {_cost(study, best):.2g} s with {_reached(study, best):.2g}"
             if default is best:
-                out.append(f"{head}, and nothing that was tried is cheaper.")
+                out.append(f"{head}, and nothing that may be recommended is cheaper.")
             else:
                 within = (
                     "no more than the spread of the runs" if ratio <= band else "and the default is not recommended"
                 )
                 out.append(f"{head}, {other}, {ratio:.2g} times as fast: {within}.")
+        if study.stated is None and default is not None and study.known is None:
+            out.append(
+                f"{study.system}, {study.question}: the default ({default.setting.label}) takes {default.seconds:.2g} s with an "
+                f"error of {default.error:.2g}; the system states none for a single run, and none is recommended."
+            )
         failed = [o for o in study.outcomes if not o.results]
         out += [f"{study.system}, {study.question}: {o.setting.label} did not run: {o.failure}" for o in failed]
     return [*out, *_bending(studies), *_thermal(studies)]
@@ -201,18 +206,20 @@ def growth_findings(growth: Growth) -> list[str]:
     crowded = {r.terms: r for r in growth.rows if r.kind == "term" and r.platform == "CPU"}
     whole = terms[WHOLE].over_control
     largest = growth.sizes("Reference")[-1]
+    part = {name: r.over_control / whole for name, r in terms.items()}
     out = [
-        "A bead and step on Reference, 1000 beads, take "
-        + ", ".join(f"{r.ns_per_bead_step:.0f} ns with {name}" for name, r in terms.items())
-        + f": leaving out torsion saves {100 * (1 - terms['+ bending'].over_control / whole):.0f} %, bending as well "
-        f"{100 * (1 - terms['stretching'].over_control / whole):.0f} %.",
+        f"Over a bead and step of 1000 beads with {WHOLE.removeprefix('+ ')} on Reference "
+        f"({terms[WHOLE].ns_per_bead_step:.0f} ns), "
+        + ", ".join(f"{cost:.2f} with {name}" for name, cost in part.items() if name != WHOLE)
+        + f": leaving out torsion saves {100 * (1 - part['+ bending']):.0f} %, bending as well "
+        f"{100 * (1 - part['stretching']):.0f} %.",
         f"{largest.beads:,} beads are built in {largest.build_seconds:.2g} s and take "
         f"{largest.ns_per_bead_step:.0f} ns a bead and step.",
     ]
     if CROWDED in crowded:
         out.append(
-            f"On the CPU platform with one thread they take {crowded[WHOLE].ns_per_bead_step:.0f} ns, and contact adds "
-            f"{100 * (crowded[CROWDED].over_control / crowded[WHOLE].over_control - 1):.0f} %."
+            f"On the CPU platform with one thread 1000 beads take {crowded[WHOLE].over_control / whole:.2f} of the time, and "
+            f"contact adds {100 * (crowded[CROWDED].over_control / crowded[WHOLE].over_control - 1):.0f} % there."
         )
     memory = [r for r in growth.rows if r.kind == "memory"]
     out += [f"{r.beads:,} beads take {r.bytes_per_bead:.0f} bytes each, model and Context." for r in memory[-1:]]
@@ -222,9 +229,12 @@ def growth_findings(growth: Growth) -> list[str]:
             rows = [r for r in growth.sizes(platform) if r.workers == threads]
             at = growing.crossover(reference, rows)
             name = f"{platform} with {threads} thread{'s' if threads > 1 else ''}" if platform == "CPU" else platform
-            said = f"faster than Reference from {at:.2g} beads up"
+            said = f"faster than Reference from about {at:.1g} beads up"
             if not math.isfinite(at):
                 said = f"not faster than Reference at {rows[-1].beads:,} beads, the most that it was run with"
+                cost = {r.beads: r.over_control for r in reference}
+                between = [f"{r.beads:,}" for r in rows if r.over_control < growing.CLEAR * cost.get(r.beads, 0.0)]
+                said += f", but is at {' and '.join(between)}" if between else ""
             out.append(f"{name} is {said}.")
     return [*out, *_replicas(growth.rows)]
 

@@ -38,8 +38,8 @@ def course(path: Path, shown: Result) -> None:
         pairs = min(phase.link.shape[1] - 1, _MOST)
         upper.plot(times, phase.link[:, :pairs], color=colour, lw=0.8, alpha=0.7)
         if np.isfinite(phase.lost).all():
-            along = np.linalg.norm(phase.force[:, :pairs], axis=-1) * radius / energy
-            middle.plot(times, _smoothed(along), color=colour, lw=0.8, alpha=0.7)
+            pull = phase.force[:, :pairs, 2] * radius / energy
+            middle.plot(times, _smoothed(pull), color=colour, lw=0.8, alpha=0.7)
             work = np.maximum(phase.work[:, :pairs] / energy, 1e-5)
             lower.plot(times, work, color=colour, lw=0.8, alpha=0.7)
         for axes in (upper, middle, lower):
@@ -49,14 +49,14 @@ def course(path: Path, shown: Result) -> None:
         begun += float(phase.times[-1])
     upper.axhline(0, color="0.7", lw=0.8)
     upper.set(ylabel="Gauss linking integral")
-    middle.set(ylabel="force of the hand\nover E I/R$^2$")
+    middle.set(ylabel="pull of the hand along the axis\nover E I/R$^2$, running mean")
     lower.set(ylabel="work of the hand\nover E I/R", yscale="log", ylim=(1e-4, 5), xlabel="time (ms)")
-    drawing.suptitle(f"{pairs} pairs of helices at the slowest speed, from apart to entangled to apart")
+    drawing.suptitle(f"{pairs} of the attempts at the slowest speed: brought together, left alone, pulled apart")
     drawing.savefig(path, dpi=150)
 
 
 def _smoothed(values: Any) -> Any:
-    """Running means over 25 records, (K, n): a spring rings."""
+    """Running means over 25 records, (K, n): coils ring, freed ones as strongly as they were pulled."""
     width = min(25, len(values))
     sums = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0)
     means = (sums[width:] - sums[:-width]) / width
@@ -89,7 +89,7 @@ def energies(path: Path, shown: Result) -> None:
             lower.axhline(level, color="0.7", lw=0.8, ls="--")
         lower.set(xlabel="time (ms)", ylim=(-1.6, 1.6))
         upper.set(title=f"{title}: misfit {100 * phase.misfit:.2g} % at the end")
-    panels[0, 0].set(ylabel="energy a pair over E I/R")
+    panels[0, 0].set(ylabel="energy a pair over E I/R\n(a coil moved alone counts as one)")
     panels[1, 0].set(ylabel="missing (%)")
     panels[0, 1].legend(fontsize=9)
     drawing.suptitle("Work in = stored + kinetic + lost: three independent countings")
@@ -100,17 +100,18 @@ def summary(path: Path, table: list[Setting], found: Outcome) -> None:
     """Works against speed with their slow limits, and the settings without a number side by side."""
     drawing = _figure(11.0, 5.2)
     left, right = drawing.subplots(1, 2, width_ratios=(1, 1.25))
+    making, breaking = found.net_making, found.net_breaking
     said = f"{found.ratio[0]:.0f} $\\pm$ {found.ratio[1]:.0f}"
-    if not found.making.resolved:
-        low = least(found.making, found.breaking)
+    if not making.resolved:
+        low = least(making, breaking)
         said = "not told" if np.isnan(low) else f"at least {low:.0f} (two standard errors)"
-    for works, colour, name in ((found.making, _MAKE, "making"), (found.breaking, _BREAK, "breaking")):
+    for works, colour, name in ((making, _MAKE, "making"), (breaking, _BREAK, "breaking")):
         _limit(left, works, colour, name)
     left.set(
         yscale="log",
         ylim=(2e-4, 8),
         xlabel="speed of the hand (m/s)",
-        ylabel="work of the hand over E I/R",
+        ylabel="work beyond that on a coil moved alone, over E I/R",
         title=f"slow limits: ratio {said}",
     )
     left.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)
@@ -133,7 +134,7 @@ def _limit(axes: Any, works: Slow, colour: str, name: str) -> None:
         fmt="o",
         color=colour,
         capsize=3,
-        label=f"{name}, mean of starts",
+        label=f"{name}, mean, 2 std. errors",
     )
     line = np.linspace(0, works.speeds.max(), 100)
     fitted = (works.mean + works.slope * line) / energy
@@ -232,7 +233,9 @@ def parameters(path: Path, table: list[Setting]) -> None:
     ):
         axes.set(ylabel=label)
     panels[2, 0].legend(fontsize=8)
-    drawing.suptitle("The knot's numbers varied one at a time, all at one speed in units of the coil's own swing")
+    drawing.suptitle(
+        "The knot's numbers varied one at a time, all at one speed in units of the coil's own swing (bars: one standard error)"
+    )
     drawing.savefig(path, dpi=150)
 
 

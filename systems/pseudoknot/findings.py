@@ -20,7 +20,7 @@ def sentences(rows: list[Row], table: list[Setting], found: Outcome) -> list[str
     main = [line for line in table if line.group == "main"]
     return [
         _ratio(found, main[-1]),
-        _net(found),
+        _whole(found),
         _special(by_label, main[-1]),
         _held(rows, by_label),
         *_ways(by_label),
@@ -34,13 +34,14 @@ def _micro(work: Slow) -> str:
 
 
 def _ratio(found: Outcome, slowest: Setting) -> str:
-    speeds = f"{found.making.speeds.min():.2g} to {found.making.speeds.max():.2g} m/s"
+    making, breaking = found.net_making, found.net_breaking
     return (
-        f"Extrapolated to slow from {speeds}, over the {len(found.making.each)} starts that formed at all speeds, the hand "
-        f"does {_micro(found.making)} to make the knot and {_micro(found.breaking)} to pull it apart: "
-        f"{_times(found.making, found.breaking, found.ratio)}, where the thesis has nearly two orders of magnitude for real "
-        f"springs, which rub. At the slowest speed alone, over the {slowest.formed} of {slowest.starts} starts that formed "
-        f"there, it is {slowest.ratio:.0f} +- {slowest.ratio_error:.0f} times. (--quick is fast, and its limits rough.)"
+        f"With the work on a coil that is moved alone taken off, and extrapolated to slow from {making.speeds.min():.2g} to "
+        f"{making.speeds.max():.2g} m/s, over the {len(making.each)} starts that formed at all speeds, making the knot takes "
+        f"{_micro(making)} and pulling it apart {_micro(breaking)} (E I/R is {1e6 * BASE.energy:.3g} uJ): "
+        f"{_times(making, breaking, found.ratio)}, where the thesis has nearly two orders of magnitude for real springs, "
+        f"which rub. At the slowest speed alone, over the {slowest.formed} of {slowest.starts} starts that formed there, it "
+        f"is {slowest.ratio:.0f} +- {slowest.ratio_error:.0f} times."
     )
 
 
@@ -50,15 +51,18 @@ def _times(making: Slow, breaking: Slow, ratio: tuple[float, float]) -> str:
         low = least(making, breaking)
         if math.isnan(low):
             return "these speeds are too high for a straight line to zero, and tell no ratio"
-        return f"the first is not resolved from zero, and the ratio at least {low:.0f} (two standard errors)"
+        return (
+            f"the first is not resolved from zero, and the ratio at least {low:.0f} (two standard errors of the first)"
+        )
     return f"{ratio[0]:.0f} +- {ratio[1]:.0f} times as much"
 
 
-def _net(found: Outcome) -> str:
+def _whole(found: Outcome) -> str:
+    alone = found.making.mean - found.net_making.mean
     return (
-        "With the work on a coil that is moved alone taken off at every speed, the same limits are "
-        f"{_micro(found.net_making)} and {_micro(found.net_breaking)}: "
-        f"{_times(found.net_making, found.net_breaking, found.net_ratio)}; E I/R is {1e6 * BASE.energy:.3g} uJ."
+        f"Of all that the hand does the same limits are {_micro(found.making)} and {_micro(found.breaking)}. Friction on a coil "
+        f"that is moved alone, which slow motion does not feel, comes out as {1e6 * alone:.3g} uJ of the former: by so much a "
+        "straight line misses it."
     )
 
 

@@ -29,9 +29,6 @@ _THESIS = 100.0, 0.3
 """The ratio of breaking to making that "nearly two orders of magnitude" is taken for, and how far off, in decades, beside two
 standard errors of the ratio."""
 
-_TINY = 1e-300
-"""For the logarithm of a ratio that is not positive."""
-
 
 @dataclass(frozen=True, eq=False)
 class Slow:
@@ -79,23 +76,20 @@ def slow(rows: list[Row], work: str, speed: str) -> Slow:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Slow limits of making and breaking, as done by the hand and net of what a chain moved alone takes, and ratios."""
+    """Slow limits of making and breaking, as done by the hand and net of what a chain moved alone takes; the ratio of the net."""
 
     making: Slow
     breaking: Slow
     net_making: Slow
     net_breaking: Slow
     ratio: tuple[float, float]
-    net_ratio: tuple[float, float]
 
 
 def outcome(rows: list[Row]) -> Outcome:
     """From the main ensemble."""
     making, net_making = (slow(rows, name, "making_speed") for name in ("work_making", "net_making"))
     breaking, net_breaking = (slow(rows, name, "breaking_speed") for name in ("work_breaking", "net_breaking"))
-    return Outcome(
-        making, breaking, net_making, net_breaking, _ratio(breaking, making), _ratio(net_breaking, net_making)
-    )
+    return Outcome(making, breaking, net_making, net_breaking, _ratio(net_breaking, net_making))
 
 
 def least(making: Slow, breaking: Slow) -> float:
@@ -195,16 +189,22 @@ def write_settings(path: Path, table: list[Setting]) -> None:
 
 
 def _thesis(found: Outcome) -> Check:
-    """The thesis's ratio; where making is not resolved from zero against the least that the ratio may be."""
-    name = 'work of breaking over work of making, both slow{}: "nearly two orders of magnitude", error in decades'
+    """The thesis's ratio, of works net of what a chain moved alone takes: a line to zero speed misses its friction.
+
+    Where making is not resolved from zero, against the least that the ratio may be.
+    """
+    name = (
+        'work of breaking over work of making, both net and slow{}: "nearly two orders of magnitude", error in decades'
+    )
     (ratio, error), (near, room) = found.ratio, _THESIS
-    if not found.making.resolved:
-        low = least(found.making, found.breaking)
-        far = math.inf if math.isnan(low) else max(math.log10(max(low, _TINY) / near), 0.0)
-        return Check(name.format(", at least (two standard errors)"), "claim", low, near, far, room)
-    positive = max(ratio, _TINY)
-    far = abs(math.log10(positive / near))
-    return Check(name.format(""), "claim", ratio, near, far, room + 2 * error / positive / math.log(10))
+    if not found.net_making.resolved:
+        low = least(found.net_making, found.net_breaking)
+        far = max(math.log10(low / near), 0.0) if low > 0 else math.inf
+        return Check(name.format(", at least (two standard errors of making)"), "claim", low, near, far, room)
+    if ratio <= 0:
+        return Check(name.format(""), "claim", ratio, near, math.inf, room)
+    far = abs(math.log10(ratio / near))
+    return Check(name.format(""), "claim", ratio, near, far, room + 2 * error / ratio / math.log(10))
 
 
 def checks(

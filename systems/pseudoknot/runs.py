@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import openmm as mm
 from numpy.typing import NDArray
 from openmm import unit
 
@@ -252,7 +253,12 @@ def _phase(
         for p in pairs:
             if p.way and p.hand:
                 p.work += p.hand.move(p.way, part, p.motion, step, world)
-        world.advance(STRIDE)
+        try:
+            world.advance(STRIDE)
+        except mm.OpenMMException as error:
+            if "NaN" not in str(error):
+                raise
+            raise _TornError from error
         for p, mass, (x, v) in zip(pairs, masses, world.look(), strict=True):
             p.motion.x, p.motion.v = x, v
             p.lost += loss * np.einsum("b,nbk,nbk->n", mass, v, v)

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
 
 import numpy as np
+import openmm as mm
 
 from openmm_filament.executors import available_workers
 from openmm_filament.parallel import run_all
 from systems.error_vs_runtime.integrators import available
 from systems.error_vs_runtime.sweeps.timing import CROWDED, TERMS, WHOLE, Row, controlled, in_a_process, memory, timed
 
-__all__ = ["FLAT", "FLAT_FROM", "Growth", "crossover", "expected", "flatness", "grown"]
+__all__ = ["CLEAR", "FLAT", "FLAT_FROM", "Growth", "crossover", "expected", "flatness", "grown"]
 
 FLAT_FROM = 100
 """Beads from which on the cost of a bead and step is to be flat."""
 FLAT = 0.15
 """Within what part of its median."""
+CLEAR = 0.95
+"""Ratio of costs below which one is lower, and not by chance: costs beside a control scatter by a few hundredths."""
 _LARGE = 30_000
 """Beads up to which a model is built anew for each of its turns."""
 
@@ -52,9 +56,9 @@ class _Job:
 
 def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
     """All that is timed."""
-    cores, control = available_workers(None), controlled()
+    cores, control, platforms = available_workers(None), controlled(), _working()
     jobs: list[_Job] = []
-    for platform in available():
+    for platform in platforms:
         some = sizes
         if platform != "Reference" and quick:
             some = [1000, 10_000] if platform == "CPU" else [10_000]
@@ -71,11 +75,21 @@ def _jobs(sizes: list[int], *, quick: bool) -> list[_Job]:
                 for beads in some
             ]
     made_of = [(name, "Reference") for name in TERMS if name != CROWDED]
-    if "CPU" in available():
+    if "CPU" in platforms:
         made_of += [(WHOLE, "CPU"), (CROWDED, "CPU")]
     jobs += [_Job(partial(timed, 1000, name, platform, kind="term", control=control)) for name, platform in made_of]
     jobs += [_Job(partial(timed, 20, "+ bending", "Reference", replicas=n, kind="replicas")) for n in (1, 4, 16, 64)]
     return jobs + [_Job(partial(_processes, workers)) for workers in sorted({1, cores})]
+
+
+def _working() -> list[str]:
+    """The platforms that run a chain: one may be there, but no device for it."""
+    found = []
+    for platform in available():
+        with suppress(mm.OpenMMException):
+            timed(10, "stretching", platform, 1, kind="size")
+            found.append(platform)
+    return found
 
 
 def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
@@ -99,10 +113,15 @@ def grown(*, quick: bool, progress: Callable[[float], None]) -> Growth:
 
 
 def _processes(workers: int, repeats: int) -> Row:
-    """So many processes at once, each with 16 replicas of 20 beads: they do so many times the work."""
+    """So many processes at once, each with 16 replicas of 20 beads: they do so many times the work.
+
+    Raises KeyboardInterrupt where Ctrl-C came first.
+    """
     lasting = 12 * repeats  # a second or more, beside which it matters little that one begins before the other
     finished = run_all(in_a_process, [(20, 16, lasting)] * workers, workers, None)
     each = [value / workers for value in finished if value is not None]
+    if len(each) < workers:
+        raise KeyboardInterrupt
     return Row("processes", 20, "Reference", "+ bending", workers, 16, median(each), min(each), max(each))
 
 
@@ -128,10 +147,13 @@ def flatness(rows: list[Row]) -> float:
 
 
 def crossover(slow: list[Row], fast: list[Row]) -> float:
-    """The number of beads from which on the second platform is faster, straight on logarithmic axes; NaN if it never is."""
+    """The number of beads from which on the second platform is faster, straight on logarithmic axes; NaN if it never is.
+
+    Faster is what takes less than `CLEAR` of the time.
+    """
     cost = [{r.beads: r.over_control for r in rows} for rows in (slow, fast)]
     common = sorted(cost[0].keys() & cost[1].keys())
-    ratio = [math.log(cost[1][n] / cost[0][n]) for n in common]
+    ratio = [math.log(cost[1][n] / cost[0][n] / CLEAR) for n in common]
     if not common or ratio[-1] >= 0:
         return math.nan
     last = max((i for i, value in enumerate(ratio) if value >= 0), default=-1)
