@@ -95,7 +95,7 @@ def weighted_studies(*, quick: bool) -> list[Study]:
     settings = [
         *by_step(Setting(weighted.SEGMENTS, softer=strings.SOFTER), quick=quick),
         default,
-        *variants(Setting(weighted.SEGMENTS, 0.9, softer=strings.SOFTER), opencl=False),
+        *variants(Setting(weighted.SEGMENTS, 0.9, softer=strings.SOFTER), opencl=False)[: 1 if quick else None],
     ]
     sizes = (30, 60, 90, 150) if quick else (30, 60, 90, 150, 210, 300)
     return [

@@ -177,10 +177,10 @@ def _chosen(which: int, effort: float) -> Setting:
 def dna_studies(*, quick: bool) -> list[Study]:
     """The DNA at a small and at a middling force, by segments and length of the runs; the time step by itself."""
     out = []
-    efforts = (3.0, 9.0) if quick else (5.0, 15.0, 45.0)
-    for which, others, seconds in ((1, (12, 32), (2.9, 16.0)), (5, (36,) if quick else (36, 72), (2.5, 39.0))):
+    efforts = (2.0, 6.0) if quick else (5.0, 15.0, 45.0)
+    for which, others, seconds in ((1, (12, 32), (2.2, 16.0)), (5, (36, 72), (2.0, 39.0))):
         default = _chosen(which, efforts[-1])
-        cuts = [default, *(replace(default, segments=n) for n in others)]
+        cuts = [default, *(replace(default, segments=n) for n in (others[:1] if quick else others))]
         settings = [replace(s, effort=e) for s in cuts for e in efforts]
         if which == 1 or not quick:
             settings += [replace(default, step=step) for step in (0.35, 0.7)]
@@ -246,41 +246,38 @@ def helix_studies(*, quick: bool) -> list[Study]:
     model = of.build(helix.filament())
     limit = float(of.stable_timestep(model) / unit.picosecond) / model.scale.factor("time")
     default = Setting(
-        helix.SEGMENTS, thermal_step(model, helix.KELVIN) / limit, "LangevinMiddle", effort=4.0 if quick else 16.0
+        helix.SEGMENTS, thermal_step(model, helix.KELVIN) / limit, "LangevinMiddle", effort=3.0 if quick else 16.0
     )
-    efforts = (1.0, 4.0) if quick else (2.0, 8.0, 16.0)
+    efforts = (1.0, 3.0) if quick else (2.0, 8.0, 16.0)
     settings = [replace(default, effort=e) for e in efforts]
-    settings += [replace(default, step=part * default.step) for part in ((1.5,) if quick else (0.5, 1.5))]
+    settings += [replace(default, step=part * default.step) for part in (() if quick else (0.5, 1.5))]
     order = Order("scatter, length of the run", "effort", -0.5, partial(_alike, default), kind="claim")
     return [
         Study(
             "helix_force_extension", f"tangent correlation {SEPARATION} apart", "product of mean rotations", _helix, settings,
-            [order], default, None, 3.0 if quick else 19.0, lambda s: 0.0,
+            [order], default, None, 1.5 if quick else 19.0, lambda s: 0.0,
         )
     ]  # fmt: skip
 
 
-_SEEDS = 4
-"""Runs of the planar chain in one repeat, each of 16 replicas that mirror moves help over their barriers."""
-
-
-def _planar(setting: Setting, seed: int) -> Result:
+def _planar(runs: int, setting: Setting, seed: int) -> Result:
+    """So many runs of the planar chain, each of 16 replicas that mirror moves help over their barriers."""
     job = hot.Job(setting.force, warm.SOFTER * warm.at_ease(setting.force), 0.3, round(setting.effort), 0)
     exact = warm.exact(job)
     begun = time.perf_counter()
-    found = [hot.sample(replace(job, seed=1 + (seed * _SEEDS + i) % (2**31 - 2))).extension for i in range(_SEEDS)]
-    wall = (time.perf_counter() - begun) / _SEEDS
+    found = [hot.sample(replace(job, seed=1 + (seed * runs + i) % (2**31 - 2))).extension for i in range(runs)]
+    wall = (time.perf_counter() - begun) / runs
     return Result(wall, np.array(found) / exact - 1)
 
 
 def planar_studies(*, quick: bool) -> list[Study]:
     """The planar chain with `k_B T` as large as a joint's bending stiffness, by the samples of a run."""
-    efforts = (10.0, 30.0) if quick else (15.0, 60.0, 240.0)
+    efforts = (8.0, 24.0) if quick else (15.0, 60.0, 240.0)
     settings = [Setting(30, math.nan, "LangevinMiddle", effort=e, force=1.0) for e in efforts]
     order = Order("scatter, length of the run", "effort", -0.5, lambda s: True, kind="claim")
     return [
         Study(
-            "planar_force_extension", "extension at k_BT = alpha", "exact discrete chain in the plane", _planar, settings,
-            [order], seconds=3.4 if quick else 13.5, known=lambda s: 0.0,
+            "planar_force_extension", "extension at k_BT = alpha", "exact discrete chain in the plane",
+            partial(_planar, 2 if quick else 4), settings, [order], seconds=1.5 if quick else 13.5, known=lambda s: 0.0,
         )
     ]  # fmt: skip
