@@ -53,9 +53,8 @@ def _series(study: Study) -> dict[str, list[Outcome]]:
         if o.results and o.error > 0:
             name = o.setting.series
             if study.thermal:
-                name = f"{o.setting.segments} segments" + name.removeprefix("LangevinMiddle").replace(
-                    "Euler", ", Euler"
-                )
+                other = f", {o.setting.integrator}" if o.setting.integrator != "LangevinMiddle" else ""
+                name = f"{o.setting.segments} segments{other}{o.setting.variant}"
             elif len({x.setting.softer for x in study.outcomes}) > 1:
                 name += f", bonds / {o.setting.softer:g}"
             out.setdefault(name, []).append(o)

@@ -52,9 +52,12 @@ class Setting:
         """What a figure calls it: what is not a matter of more or less."""
         if self.method:
             return self.method
-        name = self.integrator
-        if self.form != "arccosine":
-            name += f", {self.form}"
+        return self.integrator + self.variant
+
+    @property
+    def variant(self) -> str:
+        """Form of the bending and platform where they are not the usual ones, after a comma each."""
+        name = f", {self.form}" if self.form != "arccosine" else ""
         if self.platform != "Reference":
             name += f", {self.platform}"
             name += f" {self.precision}" if self.platform == "OpenCL" else ""

@@ -102,7 +102,7 @@ def guitar_studies(*, quick: bool) -> list[Study]:
     settings = [
         *by_step(Setting(soft.SEGMENTS, softer=strings.SOFTER), quick=quick),
         default,
-        *variants(Setting(soft.SEGMENTS, 0.9, softer=strings.SOFTER), opencl=not quick)[: 1 if quick else None],
+        *variants(Setting(soft.SEGMENTS, 0.9, softer=strings.SOFTER), opencl=True)[: 1 if quick else None],
     ]
     sizes = (24, 36, 60, 100) if quick else (24, 36, 50, 72, 100, 150, 201)
     return [

@@ -98,11 +98,7 @@ def timed(
 ) -> Row:
     """Build a chain, run it by Verlet at a tenth of its limit, and time it; `control` times a bead and step of another one."""
     begun = time.perf_counter()
-    model = _model(beads, terms, replicas)
-    integrator = mm.VerletIntegrator(1e-4)
-    properties = {"CPU": {"Threads": str(threads)}, "OpenCL": {"Precision": "mixed"}}.get(platform, {})
-    context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName(platform), properties)
-    context.setPositions(model.positions)
+    _, context = _opened(beads, terms, platform, threads, replicas)
     built = time.perf_counter() - begun
     steps = _steps(context)
     times, ratios = [], []
@@ -158,8 +154,12 @@ def memory(beads: int) -> float:
     return added / beads
 
 
-def _opened(beads: int) -> tuple[of.Model, mm.Context]:
-    model = _model(beads, WHOLE)
-    context = mm.Context(model.system, mm.VerletIntegrator(1e-4), mm.Platform.getPlatformByName("Reference"))
+def _opened(
+    beads: int, terms: str = WHOLE, platform: str = "Reference", threads: int = 1, replicas: int = 1
+) -> tuple[of.Model, mm.Context]:
+    model = _model(beads, terms, replicas)
+    properties = {"CPU": {"Threads": str(threads)}, "OpenCL": {"Precision": "mixed"}}.get(platform, {})
+    integrator = mm.VerletIntegrator(1e-4)
+    context = mm.Context(model.system, integrator, mm.Platform.getPlatformByName(platform), properties)
     context.setPositions(model.positions)
     return model, context
